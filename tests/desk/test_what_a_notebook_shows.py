@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from html import escape
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -43,13 +44,35 @@ def shown(
         "design": dy.design(robot, kind="random", duration=5.0, sampling_rate=50.0),
         "validations": dy.validate(better),
         "report": dy.report(better, diagnosis=found),
+        "inspected file": dy.inspect(desk / "run1.csv", robot),
+        "inspected file of an unknown robot": dy.inspect(desk / "run1.csv"),
+        "verdict": better.verdict(),
+        "series": dy.series(better, {"monday": runs, "tuesday": today}),
+        "figure": runs[0].plot(),
     }
 
 
 THINGS = (
-    "robot", "recordings", "recording", "model", "extended model", "ladder", "parameters", "errors", "diagnosis",
-    "changes", "comparisons", "comparison", "design", "validations", "report",
-)  # fmt: skip
+    "robot",
+    "recordings",
+    "recording",
+    "model",
+    "extended model",
+    "ladder",
+    "parameters",
+    "errors",
+    "diagnosis",
+    "changes",
+    "comparisons",
+    "comparison",
+    "design",
+    "validations",
+    "inspected file",
+    "inspected file of an unknown robot",
+    "verdict",
+)
+LARGE = ("report", "series", "figure")
+"""What shows itself as a page, or as a drawing."""  # fmt: skip
 DRAWN = ("recordings", "recording", "extended model", "ladder", "diagnosis", "changes", "comparisons", "comparison",
          "design", "model")  # fmt: skip
 
@@ -60,9 +83,48 @@ def test_everything_prints_less_than_a_screen_and_shows_itself_as_html(what: str
     assert len(text) < SCREEN
     assert "array(" not in text
     assert "0x" not in text
-    if what != "report":
-        assert len(html) < 40_000
-        ElementTree.fromstring(html)
+    assert len(html) < 40_000
+    ElementTree.fromstring(html)
+
+
+@pytest.mark.parametrize("what", LARGE)
+def test_pages_and_drawings_print_less_than_a_screen_too(what: str, shown: dict[str, Any]) -> None:
+    text = repr(shown[what])
+    assert len(text) < SCREEN
+    assert "array(" not in text
+    assert "0x" not in text
+    assert shown[what]._repr_html_().startswith("<")
+
+
+def test_no_class_that_the_front_door_gives_is_left_out(shown: dict[str, Any]) -> None:
+    public = {name for name in dy.__all__ if name[0].isupper()}
+    ours = {name for name in public if getattr(dy, name).__module__.startswith("dynident.desk")}
+    # One row of a table each: its table is what is shown.
+    rows = {"JointError", "Validation"}
+    assert ours - rows == ours & {type(one).__name__ for one in shown.values()}
+
+
+def test_an_inspected_file_shows_what_is_proposed_and_what_is_asked(
+    desk: Path, tmp_path: Path, robot: dy.Robot, shown: dict[str, Any]
+) -> None:
+    html = shown["inspected file"]._repr_html_()
+    assert "<table" in html
+    assert all(escape(one.reason) in html for one in shown["inspected file"].guesses)
+    lines = (desk / "run1.csv").read_text(encoding="utf-8").replace("tau", "<b>").splitlines()
+    without = "\n".join(line.rpartition(",")[0] for line in lines)
+    (tmp_path / "asked.csv").write_text(without, encoding="utf-8")
+    asked = dy.inspect(tmp_path / "asked.csv", robot)
+    assert asked.questions
+    assert "To be answered" in asked._repr_html_()
+    assert "<b>" not in asked._repr_html_()
+    assert "t, q1" in shown["inspected file of an unknown robot"]._repr_html_()
+
+
+def test_a_verdict_shows_every_use_with_its_reason(better: dy.Model) -> None:
+    verdict = better.verdict()
+    for text in (repr(verdict), verdict._repr_html_()):
+        assert verdict.summary in text
+        assert all(f"{one.use.replace('_', ' ')}: " in text for one in verdict.uses)
 
 
 def test_what_lies_below_prints_a_line(better: dy.Model, found: dy.DiagnosedModel, shown: dict[str, Any]) -> None:
@@ -80,6 +142,7 @@ def test_what_lies_below_prints_a_line(better: dy.Model, found: dy.DiagnosedMode
         shown["recording"].recording,
         shown["comparison"].comparison,
         shown["design"].design,
+        better.fit,
     ):
         assert len(repr(thing)) < SHORT
         assert "array(" not in repr(thing)

@@ -45,7 +45,8 @@ def left_of(monkeypatch):
         monkeypatch.setattr(pruning, "gain_over_floor", lambda *asked: 1.0)
         robot = SimpleNamespace(joint_names=ARM, movers=lambda name: (ARM.index(name),))
         columns = [SimpleNamespace(link=name) for name in gains]
-        pool = SimpleNamespace(observation=SimpleNamespace(robot=robot, columns=columns))
+        observation = SimpleNamespace(robot=robot, columns=columns)
+        pool = SimpleNamespace(observation=observation, is_change=lambda candidate: False)
         numbers = tuple(range(len(gains)))
         group = Candidate("presliding", tuple(gains), (), numbers)
         found = Finding(cast(Any, SimpleNamespace(candidate=group)), (), 0.001)

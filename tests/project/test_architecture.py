@@ -53,7 +53,16 @@ def test_no_function_takes_more_parameters_than_one_can_keep_in_mind() -> None:
 
 
 def test_a_class_name_means_one_thing_in_rooms_that_are_read_side_by_side() -> None:
-    paths = (path for room in NEIGHBOURS for path in (ROOT / "src/dynident" / room).rglob("*.py"))
-    bodies = (node for path in paths for node in ast.parse(path.read_text(encoding="utf-8")).body)
-    names = Counter(node.name for node in bodies if isinstance(node, ast.ClassDef) and not node.name.startswith("_"))
+    names = Counter(name for room in NEIGHBOURS for name in public_classes(ROOT / "src/dynident" / room))
     assert {name for name, count in names.items() if count > 1} == NAMES_OF_TWO
+
+
+def test_no_class_of_the_service_is_called_as_one_of_the_validations() -> None:
+    """What is shown on the wire is called as what it shows, which for validations are documents of their own."""
+    service = set(public_classes(ROOT / "service"))
+    assert service & set(public_classes(ROOT / "src/dynident/validation")) == set()
+
+
+def public_classes(room: Path) -> list[str]:
+    bodies = (node for path in room.rglob("*.py") for node in ast.parse(path.read_text(encoding="utf-8")).body)
+    return [node.name for node in bodies if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]

@@ -27,7 +27,7 @@ def describe_comparison(found: Comparison, judged: Judgement, held_out: bool | N
         phases=phases,
         held_out=held_out,
         **dict(show_figures(found.errors)),
-        **dict(shown(wire.Judged, judged, repetition=judged.noise if judged.noise.period > 0 else None)),
+        **dict(shown(wire.Judgement, judged, repetition=judged.noise if judged.noise.period > 0 else None)),
     )
 
 

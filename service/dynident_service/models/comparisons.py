@@ -57,7 +57,7 @@ class RepeatedMotion(Shown):
     share: float = Field(description="Of the time that the robot moves, 0 to 1")
 
 
-class Judged(Shown):
+class Judgement(Shown):
     """What a residual is worth beside the noise."""
 
     noise_floor: Annotated[list[float | None], At("noise.values")] = Field(
@@ -78,7 +78,7 @@ class Judged(Shown):
     notes: list[str] = Field(default=[], description="What to know of these figures")
 
 
-class ComparisonResult(Judged):
+class ComparisonResult(Judgement):
     """How far measured and predicted torque are apart; where a joint stands, the distance to what friction may hold."""
 
     joints: Annotated[list[str], At("joint_names")]

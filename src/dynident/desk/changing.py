@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import overload
+from typing import Any, overload
 
 from dynident.advice import AdvisedDiagnosis, advise
 from dynident.desk.diagnosing import check_some
 from dynident.desk.figure import Figure, figure_of
+from dynident.desk.frames import FrameLibrary, columns_of, frame_of
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import Recordings, SomeRecordings, as_recordings
@@ -19,7 +20,12 @@ from dynident.html import block, folded, listed, paragraph, table
 from dynident.identification import Identification
 from dynident.progress import Progress, silent
 from dynident.reports.change_rows import COLUMNS, FRICTION_COLUMNS, change_rows, friction_row
-from dynident.reports.words import hidden_text
+from dynident.reports.words import hidden_text, place_text
+
+_FRAME_COLUMNS = (
+    "effect", "joint", "parameter", "before", "difference", "interval_low", "interval_high", "unit", "p_value",
+    "evidence",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +49,40 @@ class Changes(Sequence[Change]):
     def items(self) -> tuple[Change, ...]:
         """The changes, each with its values, intervals and evidence."""
         return self.diagnosis.changes or ()
+
+    def to_frame(self, library: FrameLibrary | None = None) -> Any:
+        """The rows of its table as a data frame of pandas or polars: each number that differs.
+
+        Columns: effect (its id), joint, parameter, before (missing where the model does not have it), difference,
+        interval_low and interval_high (95 %, of the difference), unit (of all four), p_value (of the change, in the
+        row of the number that says how large it is, missing in its others), evidence.
+
+        Parameters
+        ----------
+        library : "pandas", "polars" or None
+            None: pandas where it is installed, else polars.
+
+        Raises
+        ------
+        DynidentError
+            Where it is not installed.
+        """
+        rows = [
+            (
+                one.choice.effect,
+                place_text(one.choice.joints, self.model.robot),
+                value.parameter,
+                value.before,
+                value.value,
+                *value.interval,
+                value.unit,
+                one.p_value if value is one.main else None,
+                one.evidence,
+            )
+            for one in self.items
+            for value in (one.main, *one.more)
+        ]
+        return frame_of(columns_of(_FRAME_COLUMNS, rows), library)
 
     def plot(self) -> Figure:
         """Draw every change with its 95 % interval.

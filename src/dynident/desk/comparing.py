@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import overload
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dynident.desk.figure import Figure, figure_of
+from dynident.desk.frames import FrameLibrary, frame_of
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import CheckedRecording, SomeRecordings, as_recordings
@@ -17,9 +21,11 @@ from dynident.errors import DynidentError
 from dynident.html import block, listed, paragraph, table
 from dynident.identification import Identification
 from dynident.progress import Progress, part, silent
+from dynident.recordings.phases import Phase
 from dynident.reports.numbers import number, percent
 
 _SHOWN = 5
+_PHASES = np.array([phase.name.lower() for phase in Phase])
 _COLUMNS = ("joint", "error, moving", "rms", "all rows", "noise floor", "over noise")
 
 
@@ -35,6 +41,26 @@ class ComparedRecording:
     def name(self) -> str:
         """What the recording is called."""
         return self.recording.name
+
+    def to_frame(self, library: FrameLibrary | None = None) -> Any:
+        """Torque over time as a data frame of pandas or polars: a row a joint and time, joint after joint.
+
+        Columns: joint, unit (N m or N), t (s), segment (the recording's, from 0 on), measured, predicted, residual,
+        lower, upper, all five in `unit`, and phase (moving, reversing, standing, passive_halt). Torque is filtered and
+        thinned. Where a joint stands its residual is the distance to what static friction may hold, from lower to
+        upper.
+
+        Parameters
+        ----------
+        library : "pandas", "polars" or None
+            None: pandas where it is installed, else polars.
+
+        Raises
+        ------
+        DynidentError
+            Where it is not installed.
+        """
+        return frame_of(self._columns(), library)
 
     def plot(self, joints: Sequence[str] = ()) -> Figure:
         """Draw measured and predicted torque, and what is left, over time.
@@ -61,6 +87,25 @@ class ComparedRecording:
             for first in range(0, len(wanted), JOINTS_A_FIGURE)
         ]
         return figure_of(parts, f"measured and predicted torque of {self.name}")
+
+    def _columns(self) -> dict[str, NDArray[Any]]:
+        found = self.comparison
+        m, n = found.measured.shape
+        signals = {
+            "measured": found.measured,
+            "predicted": found.predicted,
+            "residual": found.residual,
+            "lower": found.lower,
+            "upper": found.upper,
+        }
+        return {
+            "joint": np.repeat(found.joint_names, m),
+            "unit": np.repeat(found.units, m),
+            "t": np.tile(found.t, n),
+            "segment": np.tile(found.segment.astype(np.int64), n),
+            **{name: values.ravel("F") for name, values in signals.items()},
+            "phase": _PHASES[found.phase.ravel("F")],
+        }
 
     def __repr__(self) -> str:
         rows = [self._row(j) for j in range(len(self.comparison.joint_names))]
@@ -104,6 +149,27 @@ class Comparisons(Sequence[ComparedRecording]):
 
     model: Model
     items: tuple[ComparedRecording, ...]
+
+    def to_frame(self, library: FrameLibrary | None = None) -> Any:
+        """All of them in one data frame of pandas or polars, one recording below the other.
+
+        Columns: recording (its name), then those of `ComparedRecording.to_frame`.
+
+        Parameters
+        ----------
+        library : "pandas", "polars" or None
+            None: pandas where it is installed, else polars.
+
+        Raises
+        ------
+        DynidentError
+            Where it is not installed.
+        """
+        found = [item._columns() for item in self.items]
+        counts = [len(one["t"]) for one in found]
+        columns = {"recording": np.repeat([item.name for item in self.items], counts)}
+        columns |= {name: np.concatenate([one[name] for one in found]) for name in (found[0] if found else ())}
+        return frame_of(columns, library)
 
     def plot(self, joints: Sequence[str] = ()) -> Figure:
         """Draw all of them, one below the other.

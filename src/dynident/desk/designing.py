@@ -5,18 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from dynident.desk.choosing import checked_effects, named_effects
 from dynident.desk.diagnosing import DiagnosedModel
 from dynident.desk.figure import Figure, check_folder, figure_of
+from dynident.desk.frames import FrameLibrary, frame_of
 from dynident.desk.recordings import SomeRecordings, as_recordings
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
+from dynident.excitation.formats.files import design_table
 from dynident.excitation.formats.ros2 import joint_trajectory
 from dynident.excitation.request import Kind
 from dynident.html import block, folded, listed, paragraph, table
 from dynident.progress import Progress, silent
+from dynident.recordings.arrow import to_numbers
+from dynident.recordings.stored import signal_units
 from dynident.reports.numbers import number, percent
 from dynident.robot import Robot
 
@@ -69,6 +74,28 @@ class DesignedMotion:
             path.write_text("".join(lines), encoding="utf-8")
         else:
             write_design(self.design, path)
+
+    def to_frame(self, library: FrameLibrary | None = None) -> Any:
+        """The samples of the motion as a data frame of pandas or polars, one row each, from home to home.
+
+        Columns, as `save` writes them: t (s), q_<joint> (rad, m where it slides), dq_<joint> (rad/s, m/s), ddq_<joint>
+        (rad/s^2, m/s^2); of a set of test motions also segment, the number of the run from 1 on, 0 between runs. Of
+        pandas the units are in `frame.attrs["units"]`.
+
+        Parameters
+        ----------
+        library : "pandas", "polars" or None
+            None: pandas where it is installed, else polars.
+
+        Raises
+        ------
+        DynidentError
+            Where it is not installed.
+        """
+        table = design_table(self.design)
+        columns = {name: to_numbers(table.column(name)) for name in table.column_names}
+        units = signal_units(columns, self.design.joint_names, [one.kind for one in self.robot.joints])
+        return frame_of(columns, library, units)
 
     def plot(self) -> Figure:
         """Draw the joints within their limits, how they cover speed and place, and where the tool goes."""

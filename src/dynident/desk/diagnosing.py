@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment, advise
 from dynident.desk.figure import Figure, figure_of
+from dynident.desk.frames import FrameLibrary, columns_of, frame_of
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import Recordings, SomeRecordings, as_recordings
@@ -22,12 +24,13 @@ from dynident.diagnosis import (
 )
 from dynident.diagnosis.stated import DEFAULT_MOST_EFFECTS
 from dynident.effects import EffectChoice
+from dynident.effects.written import effect_text
 from dynident.errors import DynidentError
 from dynident.html import block, listed, paragraph, table
 from dynident.identification import Identification
 from dynident.progress import Progress, silent
 from dynident.reports.candidate_rows import COLUMNS, candidate_rows
-from dynident.reports.words import hidden_text, place_text, title_of
+from dynident.reports.words import hidden_text, place_text, shape_text, title_of
 
 _MOST_BARS, _MOST_PANELS = 12, 8
 
@@ -81,6 +84,25 @@ class DiagnosedModel:
         shown = [one for one in self.candidates if one.significant]
         return evidence(self.model.identification, shown, self.recordings.recordings)
 
+    def to_frame(self, library: FrameLibrary | None = None) -> Any:
+        """The ranked effects as a data frame of pandas or polars, a row a family of effects, best first.
+
+        Columns: rank, effect (its id), joints, constants (in words, with units), error_before, error_after and
+        error_drop (relative, fractions, held out), t_value, p_value, significant, recommended, separability (0 to 1),
+        equivalent (ids with commas), evidence, and choice, the text that `Model.extend` takes.
+
+        Parameters
+        ----------
+        library : "pandas", "polars" or None
+            None: pandas where it is installed, else polars.
+
+        Raises
+        ------
+        DynidentError
+            Where it is not installed.
+        """
+        return frame_of(columns_of(_FRAME_COLUMNS, [self._frame_row(one) for one in self.candidates]), library)
+
     def plot(self) -> Figure:
         """Draw the ranking, and what each significant finding explains of the residual."""
         from dynident.reports.figures.candidates import candidates_figure
@@ -92,6 +114,25 @@ class DiagnosedModel:
         if not parts:
             raise DynidentError("the diagnosis ranked no effect: there is nothing to draw")
         return figure_of(parts, "what is missing, and the evidence")
+
+    def _frame_row(self, one: RankedEffect) -> tuple[object, ...]:
+        return (
+            one.rank,
+            one.effect,
+            place_text(one.joints, self.model.robot),
+            shape_text(one.choice),
+            one.error_before,
+            one.error_after,
+            one.error_drop,
+            one.t_value,
+            one.p_value,
+            one.significant,
+            one.choice in self.recommended,
+            one.separability,
+            ",".join(one.equivalent),
+            one.evidence,
+            effect_text(one.choice),
+        )
 
     def __repr__(self) -> str:
         rows = candidate_rows((one for one in self.candidates if one.significant), self.model.robot)
@@ -158,6 +199,12 @@ def check_some(recordings: Recordings, name: str) -> None:
     """Raise `DynidentError` where there is no recording; `name` is the argument."""
     if not recordings:
         raise DynidentError("give at least one recording", pointer=name, title="Recordings needed")
+
+
+_FRAME_COLUMNS = (
+    "rank", "effect", "joints", "constants", "error_before", "error_after", "error_drop", "t_value", "p_value",
+    "significant", "recommended", "separability", "equivalent", "evidence", "choice",
+)  # fmt: skip
 
 
 def _next(experiment: NextExperiment | None) -> str:

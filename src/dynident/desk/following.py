@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 from dynident.desk.diagnosing import check_some
 from dynident.desk.figure import Figure, figure_of
-from dynident.desk.frames import FrameLibrary, frame_of
+from dynident.desk.frames import FrameLibrary, columns_of, frame_of
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import SomeRecordings, as_recordings
@@ -72,7 +72,7 @@ class FollowedRobot(Sequence["SeriesChange"]):
             for k, day in enumerate(self.series.days)
         ]
         names = ("parameter", "effect", "joint", "unit", "day", "value", "lower", "upper")
-        return frame_of({name: [row[i] for row in rows] for i, name in enumerate(names)}, library)
+        return frame_of(columns_of(names, rows), library)
 
     def plot(self) -> Figure:
         """Draw every parameter that may vary day by day, with its intervals."""

@@ -9,8 +9,12 @@ from typing import Any
 
 from dynident.desk.robots import DriveGains, with_gains
 from dynident.errors import DynidentError
+from dynident.html import block, listed, paragraph, table
 from dynident.identification.imports import Guess, Inspection, Question, inspect_file
 from dynident.robot import Robot
+
+_COLUMNS = ("what", "proposed", "how sure", "why")
+_SHOWN, _NAMES = 30, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +40,26 @@ class InspectedFile:
         return {} if proposal is None else {"columns": dict(proposal.columns), "units": dict(proposal.units)}
 
     def __repr__(self) -> str:
-        found = self.inspection
-        lines = [f"{found.format}, {len(found.columns)} columns: {', '.join(found.columns[:12])}"]
-        lines += [f"  {one.field}: {one.value} ({one.confidence:.0%}: {one.reason})" for one in self.guesses]
+        lines = [self._head()]
+        lines += [f"  {one.field}: {one.value} ({one.confidence:.0%}: {one.reason})" for one in self.guesses[:_SHOWN]]
+        left_out = len(self.guesses) - _SHOWN
+        lines += [f"  … and {left_out} more (.guesses)"] if left_out > 0 else []
         lines += [f"  ? {one.field}: {one.detail}" for one in self.questions]
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        rows = [(one.field, one.value, f"{one.confidence:.0%}", one.reason) for one in self.guesses]
+        return block(
+            paragraph(self._head(), strong=True),
+            table(_COLUMNS, rows, right_from=len(_COLUMNS)) if rows else "",
+            paragraph("To be answered:") if self.questions else "",
+            listed(_question(one) for one in self.questions),
+        )
+
+    def _head(self) -> str:
+        names = self.inspection.columns
+        more = f" and {len(names) - _NAMES} more" if len(names) > _NAMES else ""
+        return f"{self.inspection.format}, {len(names)} columns: {', '.join(names[:_NAMES])}{more}"
 
 
 def inspect(path: str | Path, robot: Robot | None = None, *, drive_gains: DriveGains | None = None) -> InspectedFile:
@@ -66,3 +85,7 @@ def inspect(path: str | Path, robot: Robot | None = None, *, drive_gains: DriveG
         raise DynidentError(f"there is no file {found}", pointer=str(found), title="No such file")
     machine = with_gains(robot, drive_gains) if robot is not None and drive_gains is not None else robot
     return InspectedFile(inspect_file(found, machine))
+
+
+def _question(one: Question) -> str:
+    return f"{one.field}: {one.detail}" + (f" ({', '.join(one.choices)})" if one.choices else "")

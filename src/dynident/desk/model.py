@@ -6,10 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
 
 from dynident.desk.choosing import Addition, added_effects, named_effects
 from dynident.desk.figure import Figure, check_folder, figure_of
+from dynident.desk.frames import FrameLibrary, columns_of, frame_of
 from dynident.desk.parameters import ErrorTable, Parameters
 from dynident.desk.recordings import Recordings, SomeRecordings, as_recordings
 from dynident.desk.texts import text_table
@@ -202,6 +203,33 @@ class Ladder(Sequence[Model]):
 
     items: tuple[Model, ...]
 
+    def to_frame(self, library: FrameLibrary | None = None) -> Any:
+        """A row a model as a data frame of pandas or polars, the first model first.
+
+        Columns: model (its number, from 1), new (what it adds and leaves out, in words), parameters (how many), fit,
+        fit_moving, held_out and held_out_moving (relative errors of the torque, fractions, on all rows and where
+        joints move; missing where there is no such data), best and rises (on held-out data).
+
+        Parameters
+        ----------
+        library : "pandas", "polars" or None
+            None: pandas where it is installed, else polars.
+
+        Raises
+        ------
+        DynidentError
+            Where it is not installed.
+        """
+        models = [one.identification for one in self.items]
+        found = best_rung(models)
+        rows = []
+        for k, one in enumerate(models):
+            errors = (one.fit, one.fit_moving, one.held_out, one.held_out_moving)
+            totals = (None if error is None else error.relative_total for error in errors)
+            best, rises = (False, False) if found is None else (k == found.best, k in found.rises)
+            rows.append((k + 1, _whole_change(one), one.model.n_parameters, *totals, best, rises))
+        return frame_of(columns_of(_FRAME_COLUMNS, rows), library)
+
     def plot(self) -> Figure:
         """Draw the error of every model, in total and joint by joint."""
         from dynident.reports.figures.ladder import models_figure
@@ -247,16 +275,22 @@ def _check_names(given: Recordings, wanted: tuple[str, ...], use: str) -> None:
         )
 
 
+_FRAME_COLUMNS = (
+    "model", "new", "parameters", "fit", "fit_moving", "held_out", "held_out_moving", "best", "rises",
+)  # fmt: skip
 _COLUMNS = ("model", "what is new", "parameters", "fit", "held out", "")
 
 
-def _change(one: Identification) -> str:
+def _whole_change(one: Identification) -> str:
     robot = one.model.robot
     if one.parent is None:
-        words = ", ".join(dict.fromkeys(title_of(choice.effect) for choice in one.choices.effects))
-    else:
-        added = [_words(choice, robot) for choice in one.added]
-        words = ", ".join([*added, *(f"without {_words(choice, robot)}" for choice in one.removed)])
+        return ", ".join(dict.fromkeys(title_of(choice.effect) for choice in one.choices.effects))
+    added = [_words(choice, robot) for choice in one.added]
+    return ", ".join([*added, *(f"without {_words(choice, robot)}" for choice in one.removed)])
+
+
+def _change(one: Identification) -> str:
+    words = _whole_change(one)
     return words if len(words) <= _LONGEST else f"{words[: _LONGEST - 1]}…"
 
 

@@ -6,13 +6,18 @@ import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dynident.desk.figure import Figure, figure_of
+from dynident.desk.frames import FrameLibrary, frame_of
 from dynident.errors import DynidentError
 from dynident.html import block, listed, paragraph, table
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
 from dynident.recordings.digest import digest_of
+from dynident.recordings.stored import StoredSamples, stored_samples
 from dynident.robot import Robot
 
 _MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
@@ -63,12 +68,35 @@ class CheckedRecording:
         """
         Recordings((self,)).save(folder)
 
+    def to_frame(self, library: FrameLibrary | None = None) -> Any:
+        """All stored samples as a data frame of pandas or polars, one row each, in order of time within each run.
+
+        Columns: t (s), segment (the run's label), q_<joint> (rad, m where it slides), tau_<joint> (N m, N); where the
+        file has them dq_<joint> (rad/s, m/s), ddq_<joint> (rad/s^2, m/s^2), q_command_<joint>, temperature_<joint>
+        (degC) and base_fx to base_mz (N, N m). Nothing is filtered. Of pandas the units are in `frame.attrs["units"]`.
+
+        Parameters
+        ----------
+        library : "pandas", "polars" or None
+            None: pandas where it is installed, else polars.
+
+        Raises
+        ------
+        DynidentError
+            Where it is not installed.
+        """
+        samples = self._samples()
+        return frame_of(samples.columns, library, samples.units)
+
     def plot(self) -> Figure:
         """Draw position and torque of every joint over time."""
         from dynident.reports.figures.recording import recording_figure
 
         slides = () if self.robot is None else tuple(joint.kind == "prismatic" for joint in self.robot.joints)
         return figure_of([recording_figure(self.recording, slides)], f"recording {self.name}")
+
+    def _samples(self) -> StoredSamples:
+        return stored_samples(self.recording, () if self.robot is None else [one.kind for one in self.robot.joints])
 
     def __repr__(self) -> str:
         found = len(self.findings)
@@ -123,6 +151,30 @@ class Recordings(Sequence[CheckedRecording]):
             unfinished = kept.with_suffix(".unfinished")
             shutil.copyfile(item.recording.path, unfinished)
             unfinished.replace(kept)
+
+    def to_frame(self, library: FrameLibrary | None = None) -> Any:
+        """The samples of all of them in one data frame of pandas or polars, one recording below the other.
+
+        Columns: recording (its name), then those of `CheckedRecording.to_frame`; NaN where a recording lacks one.
+
+        Parameters
+        ----------
+        library : "pandas", "polars" or None
+            None: pandas where it is installed, else polars.
+
+        Raises
+        ------
+        DynidentError
+            Where it is not installed.
+        """
+        found = [item._samples() for item in self.items]
+        counts = [len(one.columns["t"]) for one in found]
+        names = dict.fromkeys(name for one in found for name in one.columns)
+        columns: dict[str, NDArray[Any]] = {"recording": np.repeat(self.names, counts)}
+        for name in names:
+            parts = [one.columns.get(name, np.full(m, np.nan)) for one, m in zip(found, counts, strict=True)]
+            columns[name] = np.concatenate(parts)
+        return frame_of(columns, library, {name: unit for one in found for name, unit in one.units.items()})
 
     def plot(self) -> Figure:
         """Draw position and torque of every joint over time, one recording below the other."""

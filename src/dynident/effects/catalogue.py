@@ -206,11 +206,16 @@ def check_shape(choice: EffectChoice, pointer: str = "") -> None:
             )
         if not known[name].admits(value):
             raise UnknownEffectError(
-                f"{name} of {choice.effect} is {value}; its {known[name].description} has to be a finite number"
-                f"{_besides(known[name])}",
+                f"{name} of {choice.effect} is {value}; {_expected(known[name])}",
                 pointer=f"{pointer}/shape/{name}",
                 title="Impossible shape constant",
             )
+
+
+def _expected(spec: ShapeSpec) -> str:
+    if spec.words:
+        return f"it has to be {' or '.join(f'{value:g} ({word})' for value, word in spec.words)}"
+    return f"its {spec.description} has to be a finite number{_besides(spec)}"
 
 
 def _besides(spec: ShapeSpec) -> str:

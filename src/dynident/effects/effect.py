@@ -201,6 +201,13 @@ class EffectChoice:
     shape: tuple[tuple[str, float], ...] = field(default=())
     runs: tuple[str, ...] = field(default=())
 
+    def __repr__(self) -> str:
+        # Kinds have their words in the catalogue, which is made of effects.
+        from dynident.effects.written import effect_text
+
+        runs = f", runs={self.runs!r}" if self.runs else ""
+        return f"EffectChoice({effect_text(self)}{runs})"
+
     @property
     def shape_values(self) -> dict[str, float]:
         """The chosen shape constants by name."""

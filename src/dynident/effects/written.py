@@ -32,15 +32,21 @@ def written_effects(given: Sequence[str], pointer: str = "/effects") -> tuple[Ef
 def effect_text(choice: EffectChoice, digits: str = ".6g") -> str:
     """An effect as `written_effects` reads it, with so many digits of its shape constants."""
     joints = f"@{'+'.join(choice.joints)}" if choice.joints else ""
-    words = {spec.name: spec.word for spec in CATALOGUE[choice.effect].shapes}
-    shape = ",".join(f"{name}={words[name](value) or format(value, digits)}" for name, value in choice.shape)
+    told = ((name, _word(choice.effect, name, value) or format(value, digits)) for name, value in choice.shape)
+    shape = ",".join(f"{name}={text}" for name, text in told)
     return f"{choice.effect}{joints}{':' + shape if shape else ''}"
 
 
 def constant_in_words(effect: str, name: str, value: float) -> str:
     """A shape constant of an effect without its unit: "vs = 0.05", "law: dahl"."""
-    word = next((spec.word(value) for spec in CATALOGUE[effect].shapes if spec.name == name), None)
+    word = _word(effect, name, value)
     return f"{name} = {value:g}" if word is None else f"{name}: {word}"
+
+
+def _word(effect: str, name: str, value: float) -> str | None:
+    """What a constant means that is a choice between kinds; None for a number, and for what no catalogue holds."""
+    known = CATALOGUE.get(effect)
+    return next((spec.word(value) for spec in (known.shapes if known else ()) if spec.name == name), None)
 
 
 def effect_texts(given: Sequence[str]) -> list[str]:

@@ -72,6 +72,9 @@ class Errors:
     measured: FloatArray
     counts: FloatArray
 
+    def __repr__(self) -> str:
+        return f"Errors({len(self.counts)} equations: relative error {self.relative_total:.2%})"
+
     @property
     def rms(self) -> FloatArray:
         """(n,): root mean square of the residual, N m or N."""

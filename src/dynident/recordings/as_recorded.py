@@ -15,15 +15,7 @@ from dynident.recordings.formats import open_source
 from dynident.recordings.raw import FileSource
 from dynident.recordings.stated import RecordingMetadata
 from dynident.recordings.types import RecordedJoints, RecordingError
-
-_UNITS = {
-    "q": ("rad", "m"),
-    "q_command": ("rad", "m"),
-    "dq": ("rad/s", "m/s"),
-    "ddq": ("rad/s^2", "m/s^2"),
-    "tau": ("N m", "N"),
-    "temperature": ("degC", "degC"),
-}
+from dynident.recordings.units import STORED_KINDS, our_unit
 
 
 class Rows(NamedTuple):
@@ -133,8 +125,8 @@ def _extremes(part: Rows) -> Rows:
 
 def _known(layout: Layout, file: FileOfRobot) -> dict[str, tuple[Column, str]]:
     found: dict[str, tuple[Column, str]] = {}
-    for kind, units in _UNITS.items():
+    for kind in STORED_KINDS:
         for joint, column in enumerate(getattr(layout, kind)):
-            unit = units[file.joints.known_limits[joint].kind == "prismatic"]
+            unit = our_unit(kind, file.joints.known_limits[joint].kind)
             found[f"{kind}{joint + 1}"] = found[f"{kind}_{file.joints.names[joint]}"] = (column, unit)
     return found

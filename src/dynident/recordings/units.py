@@ -41,7 +41,15 @@ OFFSETS = {"K": -273.15, "degF": -32.0 * 5.0 / 9.0}
 JOINT_KINDS = ("q", "q_command", "dq", "ddq", "tau", "current", "temperature")
 """Signals that every joint has."""
 
+STORED_KINDS = tuple(kind for kind in JOINT_KINDS if kind != "current")
+"""Those that a checked recording can hold: currents have become torques."""
+
 KINDS = ("t", *JOINT_KINDS, "base_force", "base_moment")
+
+
+def our_unit(kind: str, joint: JointKind | None) -> str:
+    """Ours of a kind of signal, one of `KINDS`, of a kind of joint: SI, and degC; None for t and the base's wrench."""
+    return next(iter(FACTORS[kind, joint]))
 
 
 def conversion(kind: str, joint: JointKind | None, unit: str | None, where: str) -> tuple[float, float]:

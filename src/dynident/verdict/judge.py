@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from dynident.diagnosis.comparing.content import Common, common_content
 from dynident.estimation import Errors
+from dynident.html import block, listed, paragraph
 from dynident.identification import Identification
 from dynident.identification.thresholds import OVERFIT, STOP, USUAL, USUAL_IN_FULL
 from dynident.recordings import Recording
@@ -41,6 +42,18 @@ class ModelVerdict:
         told = [f"Fit for {', '.join(good)}"] if good else []
         told += [f"{'not' if good else 'Not'} fit for {', '.join(bad)}"] if bad else []
         return f"{'; '.join(told)}."
+
+    def __repr__(self) -> str:
+        return "\n".join([f"ModelVerdict: {self.summary}", *(f"  {line}" for line in self._lines())])
+
+    def _repr_html_(self) -> str:
+        return block(paragraph(self.summary, strong=True), listed(self._lines()))
+
+    def _lines(self) -> list[str]:
+        """What it is fit for and why, unless it is not to be used at all, and what to do next."""
+        uses = () if self.stop is not None else self.uses
+        told = [f"{'✓' if one.fit else '✕'} {one.use.replace('_', ' ')}: {one.reason}" for one in uses]
+        return [*told, *(f"→ {step}" for step in self.next_steps)]
 
 
 @single_threaded

@@ -10,6 +10,7 @@ import numpy as np
 
 from dynident.effects import EffectChoice, ShapeSpec, columns_of, effect_by_id
 from dynident.effects.catalogue import joints_of
+from dynident.effects.written import constant_in_words
 from dynident.estimation import CovarianceName, EstimationError, Linearised, Reduction, Solution, linearised
 from dynident.identification.shapes.shape_columns import ShapePlace, shape_places
 from dynident.identification.shapes.shapes import DOWN, UP
@@ -43,6 +44,12 @@ class ShapeConstant:
     standard_deviation: float = inf
     interval: tuple[float, float] | None = None
     note: str = ""
+
+    def __repr__(self) -> str:
+        place = f" on {', '.join(self.joints)}" if self.joints else ""
+        unit = "" if self.word or self.unit == "-" else f" {self.unit}"
+        told = f"{constant_in_words(self.effect, self.name, self.value)}{unit}"
+        return f"ShapeConstant({self.effect}{place}, {told}, {self.judgement})"
 
     @property
     def word(self) -> str | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice, role_of
+from dynident.effects.written import constant_in_words
 from dynident.estimation import Errors, Reduction, Solution, Statistics, effective_rows, moving_errors, noise_levels
 from dynident.estimation.deviations import owed_to_known
 from dynident.identification.choices import IdentificationChoices
@@ -48,6 +49,15 @@ class IdentifiedParameter:
     shape: tuple[tuple[str, float], ...] = ()
     interval: tuple[float, float] = (-inf, inf)
     essential: bool = True
+
+    def __repr__(self) -> str:
+        constants = "".join(f", {constant_in_words(self.effect, name, value)}" for name, value in self.shape)
+        unit = "" if self.unit == "-" else f" {self.unit}"
+        return (
+            f"IdentifiedParameter({self.name} = {self.value:.4g}{unit}, standard deviation "
+            f"{self.standard_deviation:.2g}{unit}; {self.effect} on {self.link or 'the robot'}{constants}; "
+            f"{self.judgement if self.essential else 'not essential'})"
+        )
 
     @property
     def well_identified(self) -> bool:

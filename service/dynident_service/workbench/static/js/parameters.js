@@ -26,7 +26,7 @@ function parametersTable(model, caption, parameters) {
     row([
       h("code", {}, one.name),
       one.link || "–",
-      numeric(kindInWords(model.effects, one.effect, one.name, one.value) ?? number(one.value, 4), one.value),
+      numeric(number(one.value, 4), one.value),
       numeric(number(one.standard_deviation, 2), one.standard_deviation),
       { class: "n", text: one.interval[0] === null ? "–" : `${number(one.interval[0])} to ${number(one.interval[1])}` },
       one.unit,
@@ -69,7 +69,7 @@ function shapesTable(model) {
       h("span", { title: one.description }, h("code", {}, one.name)),
       titleOf(model.effects, one.effect),
       placeOf(model.effects, one, model.joints),
-      numeric(number(one.value, 4), one.value),
+      numeric(kindInWords(model.effects, one.effect, one.name, one.value) ?? number(one.value, 4), one.value),
       numeric(number(one.standard_deviation, 2), one.standard_deviation),
       { class: "n", text: one.interval === null ? "–" : `${number(one.interval[0], 4)} to ${number(one.interval[1], 4)}` },
       one.unit,

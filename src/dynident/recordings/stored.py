@@ -1,0 +1,87 @@
+"""All samples of a recording at once, as columns: what was measured besides positions and torques, too."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from dynident.arrays import FloatArray, IntArray
+from dynident.recordings.arrow import to_numbers
+from dynident.recordings.sources import ParquetSource, stored_columns
+from dynident.recordings.types import WRENCH_NAMES, JointKind, Recording
+from dynident.recordings.units import STORED_KINDS, our_unit
+
+_TURNS: JointKind = "revolute"
+
+
+@dataclass(frozen=True, eq=False)
+class StoredSamples:
+    """Samples by column, each (m,), and the unit of each that has one."""
+
+    columns: Mapping[str, FloatArray | IntArray]
+    units: Mapping[str, str]
+
+
+def stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -> StoredSamples:
+    """The stored samples of a recording, unfiltered and evenly sampled, all of them in memory.
+
+    Columns, (m,) each: t in s, segment (the label of the run), q_<joint> in rad or m, tau_<joint> in N m or N, and
+    where the file had them dq_<joint> in rad/s or m/s, ddq_<joint> in rad/s^2 or m/s^2, q_command_<joint> in rad or m,
+    temperature_<joint> in degC and the base's wrench in N and N m.
+
+    Parameters
+    ----------
+    recording : Recording
+    kinds : "revolute" or "prismatic", one a joint
+        Empty: they are not known, and joints count as revolute.
+    """
+    source = recording.source
+    if isinstance(source, ParquetSource):
+        table = pq.read_table(source.path)
+        columns = {name: to_numbers(table.column(name)) for name in table.column_names}
+    else:
+        columns = _from_rows(recording)
+    return StoredSamples(columns, signal_units(columns, recording.joint_names, kinds))
+
+
+def signal_units(
+    columns: Mapping[str, object], joints: Sequence[str], kinds: Sequence[JointKind] = ()
+) -> dict[str, str]:
+    """The units of t, q_<joint>, dq_<joint> and the others, of those columns that are there."""
+    units = {"t": our_unit("t", None)}
+    units |= dict.fromkeys(WRENCH_NAMES[:3], our_unit("base_force", None))
+    units |= dict.fromkeys(WRENCH_NAMES[3:], our_unit("base_moment", None))
+    known = kinds or (_TURNS,) * len(joints)
+    for kind in STORED_KINDS:
+        names = stored_columns(kind, joints)
+        units |= {name: our_unit(kind, joint) for name, joint in zip(names, known, strict=True)}
+    return {name: units[name] for name in columns if name in units}
+
+
+def _from_rows(recording: Recording) -> dict[str, FloatArray | IntArray]:
+    parts = [
+        rows
+        for segment in recording.segments
+        for rows in recording.source.rows(segment.first_row, segment.length, segment.length)
+    ]
+    every = [(one, np.arange(one.length)) for one in recording.segments]
+    columns: dict[str, FloatArray | IntArray] = {
+        "t": np.concatenate([one.start_time + k * recording.period for one, k in every]),
+        "segment": np.concatenate([np.full(len(k), one.label, dtype=np.int64) for one, k in every]),
+    }
+    kept: tuple[tuple[str, list[FloatArray | None]], ...] = (
+        ("q", [rows.q for rows in parts]),
+        ("q_command", [rows.command for rows in parts]),
+        ("tau", [rows.tau for rows in parts]),
+        ("wrench", [rows.wrench for rows in parts]),
+        ("temperature", [rows.temperature for rows in parts]),
+    )
+    for kind, blocks in kept:
+        known = [values for values in blocks if values is not None]
+        if len(known) == len(blocks):
+            whole = np.concatenate(known)
+            columns |= {name: whole[:, k] for k, name in enumerate(stored_columns(kind, recording.joint_names))}
+    return columns
