@@ -1,26 +1,39 @@
 // Which measurements, which effects, which method; then Run.
 
 import { post } from "./api.js";
+import { controls, said as saidBy } from "./asked.js";
 import { catalogue } from "./catalogue.js";
 import { field, h, put, select } from "./dom.js";
 import { counted } from "./format.js";
 import { go } from "./location.js";
 import { methods } from "./methods.js";
 import { clearForm, showInForm } from "./problem.js";
+import { fieldsOf, optionsOf } from "./schema.js";
 
-const DEFAULTS = new Set(["rigid_body", "rotor_inertia", "coulomb", "viscous"]);
+const METHODS = ["model", "strategy", "steps", "estimator", "prior"];
+const APART = [...METHODS, "robot_id", "name", "measurement_ids", "validation_ids", "effects"];
 const USES = [["fit", "fit"], ["hold", "hold out"], ["", "leave out"]];
 
 /** A form that identifies a robot and goes to the new model; `update(measurements)` keeps what has been filled in. */
 export async function identificationForm(robot) {
-  const [{ items }, { lists, chosen: usual }] = await Promise.all([catalogue(), methods()]);
+  const [{ items }, { lists, chosen: usual }, asked, options] = await Promise.all([catalogue(), methods(), fieldsOf("IdentificationRequest"), optionsOf("IdentificationRequest", "estimator")]);
+  const usualEffects = asked.effects.default.map((one) => one.effect);
   const uses = new Map(); // measurement's id -> its select
   const places = h("div", { class: "list-of-choices" });
   const name = h("input", { name: "name", id: "model-name", maxlength: 200, placeholder: robot.name });
-  const [model, strategy, steps, estimator, prior] = ["model", "strategy", "steps", "estimator", "prior"].map((id) => explained(id, lists[id], usual[id]));
+  const [model, strategy, steps, estimator, prior] = METHODS.map((id) => explained(id, lists[id], usual[id]));
   strategy.control.addEventListener("change", () => { steps.element.hidden = strategy.control.value !== "sequential"; });
   steps.element.hidden = true;
-  const effects = items.map((one) => h("label", { title: one.signature, "data-effect": one.id }, h("input", { type: "checkbox", name: "effect", value: one.id, checked: DEFAULTS.has(one.id) }), ` ${one.title}`));
+  const more = controls(asked, { but: APART, prefix: "identify-" });
+  const ofEstimator = h("div", { class: "fields", id: "estimator-options" });
+  let ownOptions = [];
+  const fillOptions = () => {
+    ownOptions = controls(options.get(estimator.control.value) ?? {}, { pointer: "/estimator", prefix: "estimator-" });
+    put(ofEstimator, ownOptions.map((one) => one.element));
+  };
+  estimator.control.addEventListener("change", fillOptions);
+  fillOptions();
+  const effects = items.map((one) => h("label", { title: one.signature, "data-effect": one.id }, h("input", { type: "checkbox", name: "effect", value: one.id, checked: usualEffects.includes(one.id) }), ` ${one.title}`));
   const said = h("div");
   const submit = h("button", { class: "main", id: "run" }, "Run the identification");
 
@@ -51,11 +64,12 @@ export async function identificationForm(robot) {
       measurement_ids: chosen("fit"),
       validation_ids: chosen("hold"),
       effects: boxes.map((box) => ({ effect: box.value })),
-      estimator: estimator.control.value,
+      estimator: named(estimator.control.value, saidBy(ownOptions)),
       model: model.control.value,
       strategy: strategy.control.value,
       steps: steps.control.value,
       prior: prior.control.value || null,
+      ...saidBy(more),
     };
     try {
       const made = await post("/identifications", body);
@@ -71,13 +85,18 @@ export async function identificationForm(robot) {
     { onsubmit: send, id: "identify" },
     h("fieldset", { "data-pointer": "/measurement_ids" }, h("legend", {}, "Measurements"), places),
     h("fieldset", { class: "checks-of", "data-pointer": "/effects" }, h("legend", {}, "Effects in the model"), effects),
-    h("p", { class: "note" }, "Begin with these four: the diagnosis says what is missing."),
+    h("p", { class: "note" }, "Begin with those that are marked: the diagnosis says what is missing."),
     h("div", { class: "fields" }, field("Name", name, { pointer: "/name" })),
-    h("details", { class: "methods" }, h("summary", {}, "How to identify"), h("div", { class: "fields" }, [model, strategy, steps, estimator, prior].map((one) => one.element))),
+    h("details", { class: "methods" }, h("summary", {}, "How to identify"), h("div", { class: "fields" }, [model, strategy, steps, estimator, prior].map((one) => one.element)), ofEstimator, h("div", { class: "fields" }, more.map((one) => one.element))),
     said,
     h("p", {}, submit),
   );
   return { element: form, update };
+}
+
+/** A name, or with options that are not what they usually are an object. */
+function named(name, options) {
+  return Object.keys(options).length ? { name, ...options } : name;
 }
 
 /** A choice with what it is for beneath it; `id` is the field of the request. */

@@ -1,0 +1,89 @@
+// Controls for the fields of a request, as the contract has them: what may be asked is shown here without being named.
+
+import { field, h, select } from "./dom.js";
+
+const LONGEST_LABEL = 42;
+
+/** Controls for those of `fields` that a number, a word, a mark or a list can say; `given` are values to begin with. */
+export function controls(fields, { but = [], given = {}, pointer = "", prefix = "" } = {}) {
+  return Object.entries(fields)
+    .filter(([id, schema]) => !but.includes(id) && makerOf(schema))
+    .map(([id, schema]) => control(id, schema, { given: given[id], pointer: `${pointer}/${id}`, prefix }));
+}
+
+/** A control of one field: { id, element, input, read }. */
+export function control(id, schema, { given, pointer = `/${id}`, prefix = "" } = {}) {
+  const made = makerOf(schema)(schema, given ?? schema.default ?? null, { id: `${prefix}${id}`, name: id });
+  const unit = schema["x-unit"];
+  const words = (schema.description ?? "").replace(`, in ${unit}`, "");
+  // Beneath a choice stands what the chosen one is for.
+  const label = made.hint !== undefined && words && words.length <= LONGEST_LABEL ? words : labelOf(id);
+  const element = field(unit ? `${label} (${unit})` : label, made.input, { pointer, hint: made.hint ?? words });
+  element.title = words;
+  made.shown?.(element.querySelector("small"));
+  return { id, element, input: made.input, read: made.read, asked: (value) => value !== undefined && (given !== undefined || !same(value, schema.default ?? null)) };
+}
+
+/** What the controls say, without what the contract has by itself. */
+export function said(all) {
+  return Object.fromEntries(all.map((one) => [one.id, one]).filter(([, one]) => one.asked(one.read())).map(([id, one]) => [id, one.read()]));
+}
+
+/** Of controls those with these ids, in this order, and the others. */
+export function sorted(all, first) {
+  return [first.flatMap((id) => all.filter((one) => one.id === id)), all.filter((one) => !first.includes(one.id))];
+}
+
+function labelOf(id) {
+  const words = id.replaceAll("_", " ");
+  return words[0].toUpperCase() + words.slice(1);
+}
+
+function makerOf(schema) {
+  if (schema["x-choices"]) return choice;
+  const { type, items } = plain(schema);
+  if (type === "number" || type === "integer") return number;
+  if (type === "boolean") return mark;
+  return type === "array" && ["number", "integer", "string"].includes(items?.type) ? list : null;
+}
+
+/** The part of a schema that is not null. */
+function plain(schema) {
+  return (schema.anyOf ?? [schema]).find((one) => one.type !== "null");
+}
+
+function mayBeNull(schema) {
+  return (schema.anyOf ?? []).some((one) => one.type === "null");
+}
+
+/** One of several, with what the chosen one is for beneath it. */
+function choice(schema, value, props) {
+  const all = schema["x-choices"].map((one) => [one.name, one.label, one.words]);
+  if (mayBeNull(schema)) all.unshift(["", "as usual", ""]);
+  const wordsOf = (name) => all.find(([known]) => known === name)?.[2] || "\u00a0";
+  const name = value?.name ?? value ?? "";
+  let note = null;
+  const input = select(all, name, (chosen) => { if (note) note.textContent = wordsOf(chosen); }, props);
+  return { input, read: () => input.value || null, hint: wordsOf(name), shown: (made) => { note = made; } };
+}
+
+function number(schema, value, props) {
+  const input = h("input", { type: "number", step: plain(schema).type === "integer" ? "1" : "any", value: value ?? "", ...props });
+  return { input, read: () => (input.value === "" ? (schema.default ?? null) : Number(input.value)) };
+}
+
+function mark(schema, value, props) {
+  const input = h("input", { type: "checkbox", checked: Boolean(value), ...props });
+  return { input, read: () => input.checked };
+}
+
+function list(schema, value, props) {
+  const input = h("input", { value: (value ?? []).join(", "), placeholder: "one, another", ...props });
+  const each = plain(schema).items.type === "string" ? String : Number;
+  const parts = () => input.value.split(/[,;]/).map((part) => part.trim()).filter(Boolean).map(each);
+  return { input, read: () => (parts().length ? parts() : (schema.default ?? null)) };
+}
+
+function same(a, b) {
+  return JSON.stringify(a) === JSON.stringify(b);
+}
