@@ -35,18 +35,22 @@ class Gain:
 
 @pytest.fixture
 def left_of(monkeypatch):
-    """Gives the joints that are left of a group whose joints gain by these t, on an arm of six."""
+    """Gives the joints that are left of a group whose joints gain by these t, on an arm of six.
 
-    def left(gains: dict[str, float]) -> tuple[str, ...]:
+    `impossible`: of a change, joints on which nature does not allow what it has become beside all else.
+    """
+
+    def left(gains: dict[str, float], impossible: tuple[str, ...] = ()) -> tuple[str, ...]:
         def judge(data: Any, pool: Any, base: Any, asked: Candidate, noise: Any) -> Gain:
             return Gain(asked, gains[asked.joints[0]])
 
         monkeypatch.setattr(pruning, "judge_one", judge)
         monkeypatch.setattr(pruning, "gain_over_floor", lambda *asked: 1.0)
+        monkeypatch.setattr(pruning, "plausible", lambda *asked: asked[-1].candidate.joints[0] not in impossible)
         robot = SimpleNamespace(joint_names=ARM, movers=lambda name: (ARM.index(name),))
         columns = [SimpleNamespace(link=name) for name in gains]
         observation = SimpleNamespace(robot=robot, columns=columns)
-        pool = SimpleNamespace(observation=observation, is_change=lambda candidate: False)
+        pool = SimpleNamespace(observation=observation, is_change=lambda candidate: bool(impossible))
         numbers = tuple(range(len(gains)))
         group = Candidate("presliding", tuple(gains), (), numbers)
         found = Finding(cast(Any, SimpleNamespace(candidate=group)), (), 0.001)
@@ -71,3 +75,7 @@ def test_two_joints_of_six_speak_for_no_third(left_of):
 
 def test_of_a_group_that_hardly_gains_the_best_joint_stays(left_of):
     assert left_of({ARM[0]: WEAK, ARM[1]: 0.5}) == (ARM[0],)
+
+
+def test_a_joint_that_cannot_have_changed_so_goes_whatever_it_gains(left_of):
+    assert left_of({ARM[0]: 5.0, ARM[1]: 5.0, ARM[2]: 5.0}, impossible=(ARM[0],)) == ARM[1:3]

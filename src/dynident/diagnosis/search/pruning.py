@@ -43,6 +43,7 @@ def pruned(data: PhasedProducts, pool: Pool, state: State) -> State:
             (item, finding)
             for item, finding in judged
             if not item.lasts(_PRUNE_DROP, _PRUNE_T)
+            or not _still_possible(data, pool, state, item)
             or any(shadowed(item, other, state.floor) for other, pick in judged if pick is not finding)
         ]
         if not weak:
@@ -60,6 +61,15 @@ def _again(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> 
     """A pick, judged beside all others."""
     base = tuple(k for k in state.base if k not in finding.columns)
     return judge_one(data, pool, base, finding.judged.candidate, state.noise)
+
+
+def _still_possible(data: PhasedProducts, pool: Pool, state: State, item: JudgedCandidate) -> bool:
+    """Whether a change of one joint may be so beside what was found since: what no day has any more cannot be less."""
+    candidate = item.candidate
+    if len(candidate.joints) != 1 or not pool.is_change(candidate):
+        return True
+    rest = tuple(k for k in state.base if k not in candidate.columns)
+    return plausible(data, pool, rest, state.noise, item)
 
 
 def trimmed(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, ...]]:
