@@ -79,3 +79,16 @@ def test_of_a_group_that_hardly_gains_the_best_joint_stays(left_of):
 
 def test_a_joint_that_cannot_have_changed_so_goes_whatever_it_gains(left_of):
     assert left_of({ARM[0]: 5.0, ARM[1]: 5.0, ARM[2]: 5.0}, impossible=(ARM[0],)) == ARM[1:3]
+
+
+def test_a_change_of_one_joint_that_is_impossible_beside_what_was_found_since_is_dropped(monkeypatch):
+    change = Candidate("load_dependent_friction", (ARM[1],), (), (1,), ("friday",))
+    lasting = Candidate("presliding", (ARM[1],), (), (2,))
+    picks = tuple(Finding(cast(Any, SimpleNamespace(candidate=one)), (), 0.001) for one in (change, lasting))
+    monkeypatch.setattr(pruning, "_again", lambda data, pool, state, finding: Gain(finding.judged.candidate, 5.0))
+    monkeypatch.setattr(pruning, "shadowed", lambda *asked: False)
+    monkeypatch.setattr(pruning, "plausible", lambda data, pool, base, noise, item: base != (0, 2))
+    pool = SimpleNamespace(is_change=lambda candidate: bool(candidate.runs))
+    state = State((0, 1, 2), np.ones(6), np.ones(6), picks)
+    left = pruning.pruned(cast(Any, None), cast(Any, pool), state)
+    assert ([one.judged.candidate for one in left.picks], left.base) == ([lasting], (0, 2))
