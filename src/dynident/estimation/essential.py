@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.estimation.factors import Reduction
@@ -112,7 +112,7 @@ def eliminate(
             float(relative[worst]),
             spread,
             statistic,
-            float(fisher.sf(statistic, len(removed), freedom)),
+            float(fdtrc(len(removed), freedom, max(statistic, 0.0))),
             everything,
         )
         if step.p_value < level:
