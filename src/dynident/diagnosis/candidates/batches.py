@@ -54,17 +54,31 @@ def by_portion(values: FloatArray, portions: Sequence[Batch]) -> tuple[FloatArra
 
 @dataclass(frozen=True, eq=False)
 class Amplitudes:
-    """Parameters of the candidates of every portion, (g, k) each, among `n_extra` columns."""
+    """Parameters of the candidates of every portion, (g, k) each, among as many columns as `projection` (b, c) has.
+
+    `projection`: what the model says of each of these columns.
+    """
 
     portions: tuple[Batch, ...]
     each: tuple[FloatArray, ...]
-    n_extra: int
+    projection: FloatArray
 
     @cached_property
-    def mixing(self) -> sparse.csr_array:
+    def adapted(self) -> FloatArray:
+        """(g, b): by how much the model's own parameters are smaller beside each candidate, portion by portion."""
+        return np.asarray(self._mixing @ self.projection.T)
+
+    def own(self, columns: IndexArray) -> tuple[IndexArray, sparse.csr_array]:
+        """(r,): candidates that have any of some `columns` (x,), by number; (r, x): makes of these one for each."""
+        taken = self._mixing[:, columns]
+        rows = np.flatnonzero(np.diff(taken.indptr))
+        return rows, taken[rows]
+
+    @cached_property
+    def _mixing(self) -> sparse.csr_array:
         """(g, c): makes of all columns one for every candidate, portion by portion."""
         widths = np.concatenate([np.full(len(own), own.shape[1]) for own in self.each])
         values = np.concatenate([own.ravel() for own in self.each])
         columns = np.concatenate([portion.columns.ravel() for portion in self.portions])
         ends = np.concatenate([[0], np.cumsum(widths)])
-        return sparse.csr_array((values, columns, ends), shape=(len(widths), self.n_extra))
+        return sparse.csr_array((values, columns, ends), shape=(len(widths), self.projection.shape[1]))

@@ -81,7 +81,7 @@ class Blocks:
     def amplitudes(self, fit: StretchesFit) -> Amplitudes:
         """The candidates' parameters, each fitted beside the model."""
         each = tuple(fit.amplitudes(number) for number in range(len(self.portions)))
-        return Amplitudes(self.portions, each, self.n_extra)
+        return Amplitudes(self.portions, each, fit.projection)
 
     def summed(self, noise: FloatArray) -> Sums:
         """Over the stretches, each joint in units of its noise (n,)."""

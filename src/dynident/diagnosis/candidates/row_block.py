@@ -11,15 +11,17 @@ from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.batches import Amplitudes, Batch
 from dynident.diagnosis.candidates.fit import JointSums, StretchesFit
 from dynident.diagnosis.candidates.products import RowStack, added_up, present, standing
+from dynident.diagnosis.candidates.row_pairs import Pairs
 
 
 @dataclass(frozen=True, eq=False)
 class RowBlock:
-    """One joint's `columns` (w + x + 2, m) in some stretches: W of the model, X of the candidates, zeros, and Y.
+    """One joint's `columns` (w + x + 1, m) in some stretches: W of the model, X of the candidates, and Y.
 
     `have` (w,) says which of the model's columns these are; `place` (c,) where each of the candidates' stands among the
-    x that the joint has: for those that it lacks at the end, where there are zeros. `stretch` (m,) is that of every
-    row, ascending, of `n_stretches`. Column by column: what a score takes of them is some columns of all rows.
+    x that the joint has, ascending, x for those that it lacks. `stretch` (m,) is that of every row, ascending, of
+    `n_stretches`; `pairs` the products within candidates that it has a share in. Column by column: what a score takes
+    of them is some columns of all rows.
     """
 
     have: IndexArray
@@ -27,7 +29,7 @@ class RowBlock:
     columns: FloatArray
     stretch: IndexArray
     n_stretches: int
-    portions: tuple[Batch, ...]
+    pairs: Pairs
 
     @classmethod
     def of(
@@ -49,15 +51,14 @@ class RowBlock:
         base, extra = columns
         have, wp = present(where, base)
         place, xp = standing(where, extra)
-        needed = np.concatenate([wp, xp, [-1, -1]])
+        needed = np.concatenate([wp, xp, [-1]])
         taken = [stack.columns[needed] for stack in stacks]
         stretch = np.concatenate([stack.stretch for stack in stacks])
         whole = taken[0] if len(taken) == 1 else np.concatenate(taken, axis=1)
         if len(stacks) > 1:
             order = np.argsort(stretch, kind="stable")
             whole, stretch = whole.take(order, axis=1), stretch[order]
-        whole[-2] = 0.0
-        return cls(have, place, whole, stretch, n_stretches, tuple(portions))
+        return cls(have, place, whole, stretch, n_stretches, Pairs.of(place, len(xp), portions))
 
     @property
     def w(self) -> FloatArray:
@@ -66,7 +67,7 @@ class RowBlock:
 
     @property
     def x(self) -> FloatArray:
-        """(x + 1, m), zeros at the end."""
+        """(x, m)"""
         return self.columns[len(self.have) : -1]
 
     @property
@@ -84,31 +85,19 @@ class RowBlock:
 
     def sums(self) -> JointSums:
         """Over all stretches."""
-        w, x = len(self.have), len(self.x) - 1
+        w, x = len(self.have), len(self.x)
         products = self.w @ self.columns.T
         return JointSums(
             products[:, :w],
             products[:, w : w + x],
             products[:, -1],
-            self.x[:-1] @ self.y,
-            np.concatenate([np.zeros(0), *(self._within(portion).ravel() for portion in self.portions)]),
+            self.x @ self.y,
+            self.pairs.products(self.x),
         )
 
     def errors(self, fit: StretchesFit) -> RowErrors:
         """Its squared errors for a fit."""
         return RowErrors(self, fit)
-
-    def _within(self, portion: Batch) -> FloatArray:
-        """XᵀX within the candidates of a portion (g, k, k); most of them have nothing on one joint."""
-        places = self.place[portion.columns]
-        own = np.flatnonzero((places < len(self.x) - 1).any(axis=1))
-        found = np.zeros((*places.shape, portion.width))
-        columns = self.x[places[own]]
-        if portion.width == 1:
-            found[own, :, 0] = np.einsum("gkm,gkm->gk", columns, columns)
-        else:
-            found[own] = columns @ columns.transpose(0, 2, 1)
-        return found
 
 
 class RowErrors:
@@ -118,24 +107,26 @@ class RowErrors:
     """
 
     def __init__(self, block: RowBlock, fit: StretchesFit) -> None:
-        self._block = block
+        self._block, self._projection = block, fit.projection[block.have]
+        self._has = np.flatnonzero(block.place < len(block.x))
         self._rest = block.y - fit.chi[block.have] @ block.w
-        # Z as (c, m).
-        self._beside = -fit.projection[block.have].T @ block.w
-        has = np.flatnonzero(block.place < len(block.x) - 1)
-        self._beside[has] += block.x[block.place[has]]
         self.alone = np.bincount(block.stretch, self._rest**2, block.n_stretches).astype(np.float64)
 
     def scores(self) -> FloatArray:
         """(s, c): Zᵀρ."""
-        return self._added_up(self._beside * self._rest).T
+        found = -self._added_up(self._block.w * self._rest).T @ self._projection
+        found[:, self._has] += self._added_up(self._block.x * self._rest).T
+        return np.asarray(found)
 
     def beside(self, amplitudes: Amplitudes) -> FloatArray:
         """(g, s): squared errors with each candidate, portion by portion."""
         # What a fold does not determine may be beyond all numbers elsewhere: no gain, whatever it is.
         with np.errstate(over="ignore", invalid="ignore"):
-            left = amplitudes.mixing @ self._beside
-            np.subtract(self._rest, left, out=left)
+            left = amplitudes.adapted[:, self._block.have] @ self._block.w
+            left += self._rest
+            # Most candidates have columns of their own on few joints.
+            rows, own = amplitudes.own(self._has)
+            left[rows] -= own @ self._block.x
             np.square(left, out=left)
             return np.asarray(np.nan_to_num(self._added_up(left), nan=np.inf))
 
