@@ -142,10 +142,16 @@ class Prediction:
         slope = ca.jacobian(shifted, ca.vec(shift))
         return ca.substitute(slope, shift, ca.SX.zeros(3, count))
 
+    @cached_property
+    def gravity_torques(self) -> ca.SX:
+        """SX (n, 3): torque that the links need at rest against one m/s² of gravity along each axis of the base."""
+        still = ca.SX(self.robot.n, 1)
+        along = [torque_of_links(self.robot, self.q, still, still, constant(axis), self.inertia) for axis in np.eye(3)]
+        return ca.horzcat(*along)
+
     def gravity_torque(self, gravity: FloatArray) -> ca.SX:
         """SX (n, 1): torque that the links need against an acceleration of gravity (3,) at rest."""
-        still = ca.SX(self.robot.n, 1)
-        return torque_of_links(self.robot, self.q, still, still, constant(gravity), self.inertia)
+        return ca.mtimes(self.gravity_torques, constant(gravity))
 
     @cached_property
     def smooth(self) -> ca.SX:

@@ -38,7 +38,8 @@ def shaking(
     motion : MotionLines
         What the motion itself repeats tells of the model, not of the base.
     """
-    columns = [_sensitivities(c, signals, reference) for c in comparisons]
+    felt = _felt(signals)
+    columns = [_sensitivities(c, felt, reference) for c in comparisons]
     frequency, gains = _spectrum(comparisons, columns, highest)
     lines = motion.beside(peaks(frequency, gains, _STANDS_OUT))[:_MOST_LINES]
     longest = max(float(c.t[-1] - c.t[0]) for c in comparisons)
@@ -83,15 +84,17 @@ def _spectrum(
     return fft.rfftfreq(size, period)[shown], gains
 
 
-def _sensitivities(comparison: Comparison, signals: Signals, reference: FloatArray) -> FloatArray:
+def _felt(signals: Signals) -> Program:
+    """Torque of every joint for one m/s² of gravity along each axis: (m, 3 n) of q (m, n) and the reference (14 n,)."""
+    return Program([signals.q, signals.reference], ca.densify(signals.predicted.gravity_torques))
+
+
+def _sensitivities(comparison: Comparison, felt: Program, reference: FloatArray) -> FloatArray:
     """(m, n, 3): torque of every joint for one m/s² of gravity along each axis, over the joint's usual residual.
 
     Zero where the joint's equation does not tell.
     """
-    n = signals.robot.n
-    torque = ca.horzcat(*(ca.densify(signals.predicted.gravity_torque(axis)) for axis in np.eye(3)))
-    program = Program([signals.q, signals.reference], torque)
-    values = program(comparison.q, reference).reshape(-1, 3, n).transpose(0, 2, 1)
+    values = felt(comparison.q, reference).reshape(len(comparison.q), 3, -1).transpose(0, 2, 1)
     return np.asarray(values * (comparison.telling * _weights(comparison))[:, :, None])
 
 
