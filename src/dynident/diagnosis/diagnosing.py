@@ -201,25 +201,43 @@ def _grown(
     recordings: Sequence[Recording],
     progress: Progress,
 ) -> tuple[Identification, dict[int, Invisible]]:
-    """The model with all in it that is recommended, and by number what cannot be added, or helps only at first."""
-    if len(recommended) > 1 and not any(effect_by_id(choice.effect).first_order for choice in recommended):
-        # One after another where one of them cannot be added.
-        with suppress(DynidentError):
-            return extend_at_once(identification, recommended, recordings, progress), {}
+    """The model with all in it that is recommended, and by number what cannot be added, or helps only at first.
+
+    Effects of first order come one by one: each is about the torque that the model with those before it predicts.
+    """
     grown = identification
     undetermined: dict[int, Invisible] = {}
-    for number, choice in enumerate(recommended):
-        told = part(progress, number / len(recommended), (number + 1) / len(recommended))
-        try:
-            with_it = extend(grown, [choice], recordings, (), told)
-        except DynidentError as error:
-            undetermined[number] = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
-            continue
-        if helps_only_at_first(grown, with_it, choice):
-            undetermined[number] = Invisible(choice.effect, choice.joints, _AT_FIRST)
-        else:
-            grown = with_it
+    for portion in _together(recommended):
+        told = part(progress, portion[0] / len(recommended), (portion[-1] + 1) / len(recommended))
+        if len(portion) > 1:
+            # One after another where one of them cannot be added.
+            with suppress(DynidentError):
+                grown = extend_at_once(grown, [recommended[number] for number in portion], recordings, told)
+                continue
+        for number in portion:
+            choice = recommended[number]
+            try:
+                with_it = extend(grown, [choice], recordings, (), told)
+            except DynidentError as error:
+                undetermined[number] = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
+                continue
+            if helps_only_at_first(grown, with_it, choice):
+                undetermined[number] = Invisible(choice.effect, choice.joints, _AT_FIRST)
+            else:
+                grown = with_it
     return grown, undetermined
+
+
+def _together(recommended: Sequence[EffectChoice]) -> list[list[int]]:
+    """Numbers of the choices in their order, in portions that can be added at once."""
+    first_order = [effect_by_id(choice.effect).first_order for choice in recommended]
+    portions: list[list[int]] = []
+    for number in range(len(recommended)):
+        if number and not any(first_order[number - 1 : number + 1]):
+            portions[-1].append(number)
+        else:
+            portions.append([number])
+    return portions
 
 
 def _without(

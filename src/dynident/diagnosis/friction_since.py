@@ -15,7 +15,8 @@ from dynident.diagnosis.result import FrictionDifference
 from dynident.effects import Column, EffectChoice
 from dynident.effects.catalogue import role_of
 from dynident.errors import DynidentError
-from dynident.identification import Identification, extend
+from dynident.identification import Identification
+from dynident.identification.study.extending import extend_at_once
 from dynident.recordings import Recording
 from dynident.robot.model import Joint
 
@@ -28,13 +29,16 @@ def with_friction_differences(
     Friction is hardly ever the same on two days. What was too little of that to be a finding is made up for by the
     values of what was found, and their intervals do not say so, where it has no parameters of its own.
     """
-    for effect, joints in _lacking(grown, since).items():
-        # What the motions do not determine of one joint is no reason to say nothing of the others.
-        for some in (joints, *((joint,) for joint in joints)):
+    lacking = [EffectChoice(effect, joints, (), since) for effect, joints in _lacking(grown, since).items()]
+    if not lacking:
+        return grown
+    with suppress(DynidentError):
+        return extend_at_once(grown, lacking, recordings)
+    # What the motions do not determine of one joint is no reason to say nothing of the others.
+    for choice in lacking:
+        for joint in choice.joints:
             with suppress(DynidentError):
-                grown = extend(grown, [EffectChoice(effect, some, (), since)], recordings)
-                if some == joints:
-                    break
+                grown = extend_at_once(grown, [replace(choice, joints=(joint,))], recordings)
     return grown
 
 
