@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from contextlib import contextmanager
-from threading import Event
+from contextlib import contextmanager, suppress
+from queue import Empty, Full, Queue
+from threading import Event, Thread, local
 from typing import TypeVar
 
 from dynident.errors import Cancelled
@@ -24,6 +25,12 @@ _SWITCH = 5e-4
 """Seconds for which a thread may keep Python's lock from another that comes back from what needs none."""
 _LOOK = 0.1
 """Seconds between two looks at how far all are."""
+
+_WAITING = 2
+"""Items that are made ahead of whoever takes them."""
+
+_own = local()
+"""Of a thread: whether it is one of several that have all processors between them."""
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -92,6 +99,7 @@ def side_by_side(
                 raise Cancelled
             done[number], name[0] = fraction, message
 
+        _own.one_of_several = True
         return work(items[number], told)
 
     with _quick_to_switch(), ThreadPoolExecutor(at_once) as pool:
@@ -108,3 +116,58 @@ def side_by_side(
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return [future.result() for future in futures]
+
+
+def ahead(items: Iterator[_Item], size: float) -> Generator[_Item, None, None]:
+    """The items in their order, made by another thread while those before them are worked on, where that is worth it.
+
+    Parameters
+    ----------
+    size : float
+        Of all items together, in the samples of `WORTH`.
+
+    Raises
+    ------
+    Whatever making an item raises, when it is its turn.
+    """
+    if processors() < 2 or size < WORTH or getattr(_own, "one_of_several", False):
+        yield from items
+        return
+    made: Queue[tuple[_Item | None, BaseException | None]] = Queue(_WAITING)
+    over = Event()
+
+    def put(item: _Item | None, error: BaseException | None = None) -> None:
+        while not over.is_set():
+            with suppress(Full):
+                made.put((item, error), timeout=_LOOK)
+                return
+        raise Cancelled
+
+    def make() -> None:
+        _own.one_of_several = True
+        with suppress(Cancelled):
+            try:
+                for item in items:
+                    put(item)
+            except BaseException as error:
+                put(None, error)
+            else:
+                put(None)
+
+    maker = Thread(target=make, name="ahead", daemon=True)
+    with _quick_to_switch():
+        maker.start()
+        try:
+            while True:
+                item, error = made.get()
+                if error is not None:
+                    raise error
+                if item is None:
+                    return
+                yield item
+        finally:
+            over.set()
+            with suppress(Empty):
+                while True:
+                    made.get_nowait()
+            maker.join()

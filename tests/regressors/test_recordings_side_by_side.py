@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
 from collections.abc import Iterator
@@ -11,15 +12,16 @@ import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident import side_by_side as threads
+from dynident.arrays import FloatArray
 from dynident.effects import DEFAULT_EFFECTS
 from dynident.errors import Cancelled
 from dynident.estimation import Reduction
 from dynident.progress import Progress, silent
-from dynident.recordings import Preprocessing, Recording
+from dynident.recordings import Preprocessing, Recording, SampleBlock
 from dynident.regressors.folding import EquationRows, folded
 from dynident.regressors.model import build_model
-from dynident.regressors.stream import reduce_recordings
-from dynident.side_by_side import side_by_side
+from dynident.regressors.stream import SampleFunction, reduce_recordings
+from dynident.side_by_side import ahead, side_by_side
 
 ROBOT = arm("scara")
 
@@ -52,6 +54,78 @@ def test_the_factors_are_those_of_one_recording_after_the_other(monkeypatch: pyt
     # The filters leave out the ends.
     assert told[-1] > 0.8
     assert told == sorted(told)
+
+
+def test_a_single_large_recording_is_evaluated_while_the_rows_before_are_folded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model, alone = build_model(ROBOT, DEFAULT_EFFECTS), run(1, 60.0)
+    reference = model.reference(np.zeros(model.n_parameters))
+    makers: set[int] = set()
+    evaluate = SampleFunction.fill
+
+    def fill(self: SampleFunction, block: SampleBlock, out: FloatArray) -> None:
+        makers.add(threading.get_ident())
+        evaluate(self, block, out)
+
+    def reduced() -> Reduction:
+        return reduce_recordings(model.observation, [alone], Preprocessing(10.0, 10.0, 4), reference)
+
+    monkeypatch.setattr(SampleFunction, "fill", fill)
+    at_once, elsewhere = reduced(), set(makers)
+    makers.clear()
+    monkeypatch.setattr(threads, "processors", lambda: 1)
+    in_turn = reduced()
+    assert threading.get_ident() not in elsewhere
+    assert makers == {threading.get_ident()}
+    for one, other in zip(at_once.equations, in_turn.equations, strict=True):
+        np.testing.assert_array_equal(one.factors, other.factors)
+
+
+def test_items_made_ahead_come_in_their_order_and_few_of_them_wait() -> None:
+    made: list[int] = []
+
+    def items() -> Iterator[int]:
+        for number in range(20):
+            made.append(number)
+            yield number
+
+    for number in ahead(items(), 1.0):
+        time.sleep(0.005)
+        # Two wait, one more is made, and this one.
+        assert number < len(made) <= number + 4
+    assert made == list(range(20))
+
+
+def test_what_goes_wrong_while_an_item_is_made_is_raised_when_it_is_its_turn() -> None:
+    def items() -> Iterator[int]:
+        yield 1
+        raise ValueError("a gap in the second")
+
+    taken = ahead(items(), 1.0)
+    assert next(taken) == 1
+    with pytest.raises(ValueError, match="a gap in the second"):
+        next(taken)
+
+
+def test_who_stops_taking_items_leaves_no_thread_behind() -> None:
+    ended = threading.Event()
+
+    def items() -> Iterator[int]:
+        try:
+            while True:
+                yield 0
+        finally:
+            ended.set()
+
+    before = threading.active_count()
+    taken = ahead(items(), 1.0)
+    next(taken)
+    taken.close()
+    assert threading.active_count() == before
+    # Of a generator that nobody asks any more.
+    gc.collect()
+    assert ended.wait(5.0)
 
 
 def test_as_many_work_at_a_time_as_there_are_processors_and_answers_keep_their_order() -> None:

@@ -18,6 +18,7 @@ from dynident.regressors.folding import BesideRows, EquationRows, folded
 from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases, changed_at_rest, fitted
+from dynident.side_by_side import ahead
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,9 +205,12 @@ class Samples:
 
 
 def sampled(recording: Recording, preprocessing: Preprocessing, values: _BlockFunction) -> Iterator[Samples]:
-    """Stream `values` of every block of filtered positions."""
-    for block in filtered_blocks(recording, preprocessing):
-        yield Samples(block.segment, block.starts_segment, block.t, block.used, values(block))
+    """Stream `values` of every block of filtered positions, of a large recording while those before are worked on."""
+    samples = (
+        Samples(block.segment, block.starts_segment, block.t, block.used, values(block))
+        for block in filtered_blocks(recording, preprocessing)
+    )
+    return ahead(samples, recording.n_samples)
 
 
 def low_passed(
