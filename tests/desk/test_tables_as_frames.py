@@ -140,6 +140,19 @@ def test_nothing_that_has_changed_is_a_frame_without_rows(changed: dy.Changes) -
     assert list(same.to_frame().columns) == list(changed.to_frame().columns)
 
 
+def test_what_friction_did_is_drawn_where_nothing_has_changed_as_well(changed: dy.Changes) -> None:
+    from dataclasses import replace
+
+    same = replace(changed, diagnosis=replace(changed.diagnosis, changes=()))
+    for found in (changed, same):
+        drawn = found.plot().svg
+        assert "Friction of each joint since the baseline" in drawn
+        assert all(joint in drawn for joint in found.model.robot.joint_names)
+    unknown = replace(same, diagnosis=replace(same.diagnosis, friction=()))
+    with pytest.raises(dy.DynidentError, match="there is no change to draw"):
+        unknown.plot()
+
+
 def test_a_ladder_is_a_row_a_model(better: dy.Model) -> None:
     frame = better.ladder.to_frame()
     assert list(frame.model) == [1, 2]

@@ -14,7 +14,7 @@ from markupsafe import escape
 from oracles import arm, fourier_motion, pinocchio_torque, record
 from resting import resting_motion, resting_torque
 
-from dynident.diagnosis import compare, diagnose
+from dynident.diagnosis import Change, ChangedValue, FrictionDifference, compare, diagnose
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
@@ -366,6 +366,26 @@ def test_an_equivalent_effect_that_the_catalogue_does_not_hold_is_named_all_the_
     first = replace(DIAGNOSIS.candidates[0], equivalent=("unnamed_law", "presliding"))
     page = Page(html_report(MODEL, RUNS, diagnosis=replace(DIAGNOSIS, candidates=(first,))))
     assert "unnamed law, Presliding hysteresis" in page.text["diagnosis"]
+
+
+def test_what_has_changed_and_what_friction_did_is_drawn_with_intervals() -> None:
+    joint = ROBOT.joint_names[0]
+    main = ChangedValue("Fc1", 0.8, "N m", (0.7, 0.9), 2.0)
+    change = Change(EffectChoice("coulomb", (joint,), (), ("run 2 <u>",)), main, (), 0.001, "It differs.")
+    friction = (
+        FrictionDifference(joint, 0.5, 0.8, (0.6, 1.0), "N m", 2.5),
+        FrictionDifference(ROBOT.joint_names[1], 0.5, 0.01, (-0.02, 0.04), "N m", 2.5),
+        FrictionDifference(ROBOT.joint_names[2], 0.5, 0.01, (-0.02, 0.04), "N m", 0.0),
+    )
+    found = replace(DIAGNOSIS, changes=(change,), friction=friction)
+    page = Page(html_report(MODEL, RUNS, diagnosis=found))
+    described = [svg["aria-label"] or "" for svg in page.all_of("svg")]
+    assert any(one.startswith("Differences since the baseline") and "Fc1 0.8" in one for one in described)
+    (drawn,) = (one for one in described if one.startswith("Friction since the baseline"))
+    # What it was is no more than nothing: there is no share of it to draw.
+    assert f"{joint} 32" in drawn
+    assert ROBOT.joint_names[2] not in drawn
+    assert "Friction since the baseline" not in html_report(MODEL, RUNS, diagnosis=replace(found, friction=()))
 
 
 def test_every_finding_stands_beside_the_residual_that_it_explains() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,10 @@ def test_a_load_that_was_mounted_since_is_told_with_its_interval_and_is_no_part_
     assert str(first["value"]) in shown
     expect(row).to_contain_text(first["evidence"])
     expect(page.locator("#candidates tr[data-effect=payload]")).to_contain_text("since the baseline")
+    # What friction did is drawn as well: an interval a joint, whose ends are said to whoever does not see it.
+    drawn = page.locator("#friction-since [role=img]")
+    assert drawn.count() == len(found["result"]["friction"]) > 0
+    expect(drawn.first).to_have_attribute("aria-label", re.compile(r"%.* to .*%"))
     page.screenshot(path=tmp_path / "changes.png", full_page=True)
     page.reload()
     page.locator("#changes table").wait_for()

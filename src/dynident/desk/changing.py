@@ -85,18 +85,21 @@ class Changes(Sequence[Change]):
         return frame_of(columns_of(_FRAME_COLUMNS, rows), library)
 
     def plot(self) -> Figure:
-        """Draw every change with its 95 % interval.
+        """Draw every change, and how much the friction of each joint differs, with their 95 % intervals.
 
         Raises
         ------
         DynidentError
-            Where nothing has changed.
+            Where nothing has changed and no joint's friction is known.
         """
         from dynident.reports.figures.changes import changes_figure
+        from dynident.reports.figures.friction_since import friction_figure
 
-        if not self.items:
+        changed = changes_figure(self.items) if self.items else None
+        drawn = [figure for figure in (changed, friction_figure(self.diagnosis.friction)) if figure]
+        if not drawn:
             raise DynidentError(f"there is no change to draw: {self.summary}")
-        return figure_of([changes_figure(self.items)], "what has changed, with intervals of 95 %")
+        return figure_of(drawn, "what has changed, with intervals of 95 %")
 
     def __len__(self) -> int:
         return len(self.items)

@@ -14,7 +14,9 @@ from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.reports.change_rows import FRICTION_COLUMNS, ChangeCells, FrictionCells, change_rows, friction_row
 from dynident.reports.figures.candidates import candidates_figure
+from dynident.reports.figures.changes import changes_figure
 from dynident.reports.figures.evidence import evidence_figure
+from dynident.reports.figures.friction_since import friction_figure
 from dynident.reports.numbers import number, p_value, percent, span
 from dynident.reports.section import Section
 from dynident.reports.sections.summary import recommended_is_added
@@ -95,8 +97,10 @@ class DiagnosisContent:
     evidence: Markup | None
     candidates: tuple[CandidateRow, ...]
     changes: tuple[ChangeRow, ...] | None
+    changes_figure: Markup | None
     friction_columns: tuple[str, ...]
     friction: tuple[FrictionCells, ...]
+    friction_figure: Markup | None
     recommended: tuple[ChoiceText, ...]
     recommended_added: bool
     unknown: tuple[tuple[UnknownPattern, str], ...]
@@ -123,8 +127,10 @@ def diagnosis_section(
         _evidence(identification, diagnosis, recordings),
         tuple(_candidate(item, robot) for item in diagnosis.candidates),
         None if diagnosis.changes is None else tuple(_changed(diagnosis.changes, robot)),
+        changes_figure(diagnosis.changes) if diagnosis.changes else None,
         FRICTION_COLUMNS,
         tuple(friction_row(one) for one in diagnosis.friction),
+        friction_figure(diagnosis.friction),
         tuple(_choice(choice, robot) for choice in diagnosis.recommended),
         recommended_is_added(identification, diagnosis),
         tuple((pattern, percent(pattern.share, 2)) for pattern in diagnosis.unknown),

@@ -69,6 +69,7 @@ function changedTable(model, result) {
 
 function frictionTable(result) {
   if (!result.friction?.length) return null;
+  const reach = Math.max(1e-9, ...result.friction.filter((one) => one.before > 0).flatMap(shares).map(Math.abs));
   const rows = result.friction.map((one) => row([
     h("code", {}, one.joint),
     { class: "n", text: `${number(one.speed)} ${one.unit === "N" ? "m/s" : "rad/s"}` },
@@ -76,9 +77,23 @@ function frictionTable(result) {
     numeric(number(one.value), one.value),
     { class: "n", text: interval(...one.interval, one.unit) },
     numeric(one.before > 0 ? percent(one.value / one.before) : "–", one.value / one.before),
+    one.before > 0 ? spanOf(one, reach) : "",
   ]));
-  const head = ["joint", right("at a speed of"), right("before"), right("difference"), right("95 % interval"), right("of what it was")];
+  const head = ["joint", right("at a speed of"), right("before"), right("difference"), right("95 % interval"), right("of what it was"), `−${percent(reach)} to +${percent(reach)}`];
   return h("div", { id: "friction-since" }, table("Friction of each joint since the baseline, a finding or not", head, rows));
+}
+
+function shares(one) {
+  return [one.value, ...one.interval].map((value) => value / one.before);
+}
+
+/** A difference and its interval on a line whose middle is none; in colour where the interval is on one side of it. */
+function spanOf(one, reach) {
+  const [value, low, high] = shares(one);
+  const place = (share) => `${(50 + (50 * share) / reach).toFixed(1)}%`;
+  const band = h("span", { class: "band", style: { left: place(low), width: `${((50 * (high - low)) / reach).toFixed(1)}%` } });
+  const dot = h("span", { class: low <= 0 && high >= 0 ? "dot" : "dot told", style: { left: place(value) } });
+  return h("span", { class: "span-of", role: "img", "aria-label": `${percent(low)} to ${percent(high)}` }, band, dot);
 }
 
 /** A row for each value of a change; `first` are cells before the others, of its first row. */
