@@ -13,6 +13,8 @@ import pytest
 from oracles import arm, fourier_motion, pinocchio_rows, pinocchio_torque
 from running_commands import dynident
 
+from dynident_service.models.drive_gains import DriveGainsResult
+
 ARM = arm("ur10")
 GAINS = np.array([14.0, 12.5, 11.0, 10.5, 9.5, 11.5])
 MASS = 4.0
@@ -42,12 +44,13 @@ def test_gains_of_currents_come_out_in_newton_metres_per_ampere(runs):
         "gains", "ur10", plain, "--loaded", heavy, "--mass", MASS, "--drive-gains", "1,1,1,1,1,1", "--json"
     )
     assert answer.code == 0, answer.err
-    found = answer.document
-    assert found["joints"] == list(ARM.joint_names)
-    low, high = np.array(found["intervals"]).T
+    # The answer is the service's.
+    found = DriveGainsResult.model_validate(answer.document).gains
+    assert [one.joint for one in found] == list(ARM.joint_names)
+    low, high = np.array([one.interval for one in found]).T
     assert (low < GAINS).sum() + (high > GAINS).sum() >= 11
-    np.testing.assert_allclose(found["gains"], GAINS, rtol=0.1)
-    assert all(found["identifiable"])
+    np.testing.assert_allclose([one.drive_gain for one in found], GAINS, rtol=0.1)
+    assert all(one.identifiable for one in found)
 
 
 def test_the_load_may_be_said_with_the_measurement(runs, tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -61,7 +61,9 @@ def gains(
     """
     from dynident.identification import identify_gains, payload_mass
     from dynident.progress import part
+    from dynident_service.adapters.drive_gains import describe_gains
     from dynident_service.cli import inputs, terminal
+    from dynident_service.models.common import plain
 
     if weigh_unloaded and not weigh:
         raise DynidentError("nothing is to be weighed: give --weigh too", pointer="--weigh-unloaded")
@@ -83,32 +85,10 @@ def gains(
         loads = [(one.name, payload_mass(machine, bare or unloaded, one, gains=found)) for one in other]
         progress(1.0, "solved")
     if as_json:
-        terminal.print_json(_document(found, loads))
+        described = describe_gains(machine, found, [(name, name, load) for name, load in loads])
+        terminal.print_json(plain(described))
     else:
         _show(found, loads)
-
-
-def _document(found: Gains, loads: Sequence[tuple[str, PayloadEstimate]]) -> dict[str, Any]:
-    return {
-        "joints": list(found.joint_names),
-        "stated": found.stated.tolist(),
-        "gains": found.values.tolist(),
-        "standard_deviations": found.standard_deviations.tolist(),
-        "intervals": found.intervals.tolist(),
-        "identifiable": list(found.identifiable),
-        "loads": [
-            {
-                "measurement": name,
-                "mass": load.mass,
-                "standard_deviation": load.standard_deviation,
-                "from_gains": load.from_gains,
-                "interval": list(load.interval),
-                "identifiable": load.identifiable,
-            }
-            for name, load in loads
-        ],
-        "warnings": list(found.warnings),
-    }
 
 
 def _show(found: Gains, loads: Sequence[tuple[str, PayloadEstimate]]) -> None:
