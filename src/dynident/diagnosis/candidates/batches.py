@@ -15,6 +15,9 @@ from dynident.diagnosis.candidates.pool import Candidate
 # Candidates at once: what their projections take of memory stays in the cache.
 _CHUNK = 128
 
+# So few are asked more quickly as a full matrix than as a sparse one.
+_FEW = 8
+
 
 @dataclass(frozen=True, eq=False)
 class Batch:
@@ -68,11 +71,17 @@ class Amplitudes:
         """(g, b): by how much the model's own parameters are smaller beside each candidate, portion by portion."""
         return np.asarray(self._mixing @ self.projection.T)
 
-    def own(self, columns: IndexArray) -> tuple[IndexArray, sparse.csr_array]:
+    def own(self, columns: IndexArray) -> tuple[IndexArray, FloatArray | sparse.csr_array]:
         """(r,): candidates that have any of some `columns` (x,), by number; (r, x): makes of these one for each."""
+        if self._mixing.shape[0] <= _FEW:
+            return np.arange(self._mixing.shape[0]), self._dense[:, columns]
         taken = self._mixing[:, columns]
         rows = np.flatnonzero(np.diff(taken.indptr))
         return rows, taken[rows]
+
+    @cached_property
+    def _dense(self) -> FloatArray:
+        return np.asarray(self._mixing.toarray())
 
     @cached_property
     def _mixing(self) -> sparse.csr_array:
