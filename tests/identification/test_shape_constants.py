@@ -212,7 +212,7 @@ def test_an_effect_that_needs_the_load_is_refused_without_the_links():
 
 def test_rows_that_a_model_has_kept_give_the_same_constants():
     choice, given = EffectChoice("stribeck", (NAMES[1],)), arguments(PLAIN_STRIBECK, RUN_STRIBECK)
-    rows = PLAIN_STRIBECK.rows[0]
+    rows = PLAIN_STRIBECK.in_memory.training
     assert rows is not None
     assert complete_shapes(PLAIN_STRIBECK.model, [choice], *given, known=rows) == complete_shapes(
         PLAIN_STRIBECK.model, [choice], *given

@@ -8,6 +8,7 @@ from dynident.errors import DynidentError
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.methods.bases import ESTIMATORS, STRATEGIES
 from dynident.identification.study.concluding import Part, conclude
+from dynident.identification.study.in_memory import NONE_IN_MEMORY
 from dynident.identification.study.removing import combined_data, combined_shapes, smaller_model
 from dynident.identification.study.result import Identification
 from dynident.threads import single_threaded
@@ -47,7 +48,7 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
         found,
         measurement_names=identification.measurement_names,
         validation_names=identification.validation_names,
-        rows=identification.rows if part is None else (None, None),
+        in_memory=identification.in_memory if part is None else NONE_IN_MEMORY,
     )
 
 

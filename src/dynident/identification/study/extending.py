@@ -98,7 +98,7 @@ def _with_one_more(
         identification.preprocessing,
         identification.next_reference(),
         part(progress, 0.0, 0.5),
-        identification.rows[0],
+        identification.in_memory.training,
     )
     looked_for = any(is_open(choice, validation) for choice in new)
     told = part(progress, 0.5, 0.75 if looked_for else 1.0)
@@ -141,7 +141,7 @@ def _identified_with(
             identification.preprocessing,
             reference,
             part(progress, number / passes, (number + 1) / passes),
-            identification.rows,
+            identification.in_memory,
         )
         reference = grown.next_reference()
     grown = replace(grown, parent=identification, added=new)

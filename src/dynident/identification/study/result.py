@@ -18,9 +18,9 @@ from dynident.identification.choices import IdentificationChoices
 from dynident.identification.parameters.judgement import ParameterJudgement, judged
 from dynident.identification.parameters.standard import StandardParameters
 from dynident.identification.shapes.shape_constants import ShapeConstant
+from dynident.identification.study.in_memory import NONE_IN_MEMORY, RowsInMemory
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
-from dynident.regressors.rows import KeptRows
 
 _EXACT = 1e-12
 """Relative standard deviation that is none."""
@@ -73,11 +73,11 @@ class Identification:
     rows that the chosen model made of the recordings; `training` and `held_out_data` the joints' torques in them,
     whatever the model (for the dynamic model `training` is `equations`); `fit` and `held_out` the errors on all rows of
     these, at rest the distance to what static friction may hold;
-    `names` of the recordings; `added` and `removed` what was added to the model of `parent` or taken out of it; `rows`
-    the filtered rows of both data sets where they are still in memory; `standard` the standard parameters where the
-    estimator solved for these; `not_essential` numbers of the parameters that were set to zero as such;
-    `shape_constants` those of the effects, with what the joints' torques say of them, and `shaped` these torques in the
-    model's columns and those of `shape_columns`.
+    `names` of the recordings; `added` and `removed` what was added to the model of `parent` or taken out of it;
+    `standard` the standard parameters where the estimator solved for these; `not_essential` numbers of the parameters
+    that were set to zero as such; `shape_constants` those of the effects, with what the joints' torques say of them,
+    and `shaped` these torques in the model's columns and those of `shape_columns`; `in_memory` no result but what
+    makes an extension quicker.
     """
 
     model: Model
@@ -100,11 +100,11 @@ class Identification:
     parent: Identification | None = None
     added: tuple[EffectChoice, ...] = ()
     removed: tuple[EffectChoice, ...] = ()
-    rows: tuple[KeptRows | None, KeptRows | None] = (None, None)
     standard: StandardParameters | None = None
     not_essential: tuple[int, ...] = ()
     shape_constants: tuple[ShapeConstant, ...] = ()
     shaped: Reduction | None = None
+    in_memory: RowsInMemory = NONE_IN_MEMORY
 
     def __repr__(self) -> str:
         held_out = "no held-out data" if self.held_out is None else f"held out {self.held_out.relative_total:.2%}"
