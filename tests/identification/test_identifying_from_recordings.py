@@ -352,8 +352,8 @@ def test_progress_never_runs_backwards_and_may_cancel():
 def test_extending_adds_a_rung_to_the_ladder(identified):
     spring = EffectChoice("joint_spring", (ROBOT.joint_names[1],))
     grown = extend(identified, [spring], [TRAINING], [VALIDATION])
-    assert grown.parent is identified
-    assert grown.added == (spring,)
+    assert grown.step.parent is identified
+    assert grown.step.added == (spring,)
     assert [rung.model.n_parameters for rung in grown.ladder()] == [len(identified.values), len(identified.values) + 1]
     assert grown.fit.relative_total <= identified.fit.relative_total * (1 + 1e-6)
     fresh = identify(ROBOT, [TRAINING], [VALIDATION], choices(*WITH_OFFSET, spring))

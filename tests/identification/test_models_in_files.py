@@ -37,7 +37,7 @@ def assert_same(one, other) -> None:
     assert one.preprocessing == other.preprocessing
     assert one.parameters == other.parameters
     assert one.warnings == other.warnings
-    assert one.added == other.added
+    assert one.step.added == other.step.added
     assert one.measurement_names == other.measurement_names
     assert one.validation_names == other.validation_names
     assert one.model.robot.joint_names == other.model.robot.joint_names

@@ -19,6 +19,7 @@ from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import IdentificationChoices, extend, identify, remove
+from dynident.identification.study.result import LadderStep
 from dynident.recordings import Check, Preprocessing, phase_shares
 from dynident.recordings.phases import Phase
 from dynident.reports import ReportedRun, html_report
@@ -173,7 +174,7 @@ def test_the_ladder_says_which_model_predicts_best_and_from_where_on_the_error_r
     assert PAGE.text["ladder"].count("✓ best") == 1
     assert "↑ rises" not in PAGE.text["ladder"]
     squares = replace(MODEL.held_out, squares=4 * MODEL.held_out.squares)
-    worse = replace(MODEL, parent=MODEL, added=(EffectChoice("offset"),), held_out=squares)
+    worse = replace(MODEL, step=LadderStep(MODEL, (EffectChoice("offset"),)), held_out=squares)
     page = Page(html_report(worse, [ReportedRun(SECOND_RUN, compare(worse, SECOND_RUN), True)]))
     assert "Model 2 predicts held-out data best; from model 3 on" in page.text["ladder"]
     assert page.text["ladder"].count("✓ best") == page.text["ladder"].count("↑ rises") == 1

@@ -283,10 +283,10 @@ _COLUMNS = ("model", "what is new", "parameters", "fit", "held out", "")
 
 def _whole_change(one: Identification) -> str:
     robot = one.model.robot
-    if one.parent is None:
+    if one.step.parent is None:
         return ", ".join(dict.fromkeys(title_of(choice.effect) for choice in one.choices.effects))
-    added = [_words(choice, robot) for choice in one.added]
-    return ", ".join([*added, *(f"without {_words(choice, robot)}" for choice in one.removed)])
+    added = [_words(choice, robot) for choice in one.step.added]
+    return ", ".join([*added, *(f"without {_words(choice, robot)}" for choice in one.step.removed)])
 
 
 def _change(one: Identification) -> str:

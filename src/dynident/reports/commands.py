@@ -69,16 +69,17 @@ def commands(
         names = [*rung.measurement_names, *rung.validation_names]
         files += [*_windows(names, windows), *_metadata(names, said)]
         before, out = f"model{number - 1}.npz", ["-o", f"model{number}.npz"]
-        if rung.parent is not None and rung.added:
-            texts = ",".join(effect_text(choice, _DIGITS) for choice in rung.added)
+        step = rung.step
+        if step.added:
+            texts = ",".join(effect_text(choice, _DIGITS) for choice in step.added)
             words = ["extend", before, *files, "--effects", texts, *out]
-        elif rung.parent is not None and rung.removed:
-            texts = ",".join(effect_text(choice, _DIGITS) for choice in rung.removed)
+        elif step.removed:
+            texts = ",".join(effect_text(choice, _DIGITS) for choice in step.removed)
             words = ["remove", before, "--effects", texts, *out]
         else:
             words = ["identify", ROBOT, *files, *_options(rung.choices), *_filters(rung.preprocessing), *out]
-        told = rung.added or rung.removed if rung.parent is not None else ()
-        found.append(shlex.join(["dynident", *words]) + _in_some_runs(told or rung.choices.effects))
+        told = step.added or step.removed or rung.choices.effects
+        found.append(shlex.join(["dynident", *words]) + _in_some_runs(told))
     return tuple(found)
 
 

@@ -13,7 +13,7 @@ from dynident.identification.shapes.shapes import check_shapes_given, complete_s
 from dynident.identification.study.carrying import carrying, is_open, note_of
 from dynident.identification.study.fitting import identify_model
 from dynident.identification.study.gain import warnings_of_addition
-from dynident.identification.study.result import Identification
+from dynident.identification.study.result import Identification, LadderStep
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
 from dynident.regressors.extension import extended_model
@@ -144,5 +144,5 @@ def _identified_with(
             identification.in_memory,
         )
         reference = grown.next_reference()
-    grown = replace(grown, parent=identification, added=new)
+    grown = replace(grown, step=LadderStep(identification, added=new))
     return replace(grown, warnings=warnings_of_addition(grown) + grown.warnings)

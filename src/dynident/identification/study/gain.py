@@ -27,12 +27,12 @@ def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
     Parameters
     ----------
     grown : Identification
-        With the model it was added to as its parent.
+        With the step from the model that was added to.
     """
-    parent = grown.parent
+    parent = grown.step.parent
     if parent is None or grown.held_out is None or parent.held_out is None:
         return ()
-    what = " and ".join(dict.fromkeys(effect_by_id(choice.effect).title for choice in grown.added))
+    what = " and ".join(dict.fromkeys(effect_by_id(choice.effect).title for choice in grown.step.added))
     before, after = parent.held_out.relative_total, grown.held_out.relative_total
     found = []
     t = _t_of_gain(parent, grown)

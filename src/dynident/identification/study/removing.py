@@ -16,7 +16,7 @@ from dynident.estimation import Reduction
 from dynident.identification.equations.data import Data
 from dynident.identification.shapes.shape_columns import shape_places
 from dynident.identification.study.concluding import Part, conclude
-from dynident.identification.study.result import Identification
+from dynident.identification.study.result import Identification, LadderStep
 from dynident.regressors.base_parameters import base_parameters_among
 from dynident.regressors.model import Model, build_model, check_columns
 from dynident.robot import Robot
@@ -54,8 +54,7 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
         smaller,
         measurement_names=identification.measurement_names,
         validation_names=identification.validation_names,
-        parent=identification,
-        removed=tuple(removed),
+        step=LadderStep(identification, removed=tuple(removed)),
     )
 
 

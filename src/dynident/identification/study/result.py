@@ -66,6 +66,22 @@ class IdentifiedParameter:
 
 
 @dataclass(frozen=True, eq=False)
+class LadderStep:
+    """How a model was made from the one below it on the ladder: what was added to that one, or taken out of it.
+
+    `parent` is the model below; None for the first one, to which nothing was done.
+    """
+
+    parent: Identification | None = None
+    added: tuple[EffectChoice, ...] = ()
+    removed: tuple[EffectChoice, ...] = ()
+
+
+FIRST = LadderStep()
+"""Of a model that was identified from recordings."""
+
+
+@dataclass(frozen=True, eq=False)
 class Identification:
     """An identified model.
 
@@ -73,7 +89,7 @@ class Identification:
     rows that the chosen model made of the recordings; `training` and `held_out_data` the joints' torques in them,
     whatever the model (for the dynamic model `training` is `equations`); `fit` and `held_out` the errors on all rows of
     these, at rest the distance to what static friction may hold;
-    `names` of the recordings; `added` and `removed` what was added to the model of `parent` or taken out of it;
+    `names` of the recordings; `step` from the model below it on the ladder;
     `standard` the standard parameters where the estimator solved for these; `not_essential` numbers of the parameters
     that were set to zero as such; `shape_constants` those of the effects, with what the joints' torques say of them,
     and `shaped` these torques in the model's columns and those of `shape_columns`; `in_memory` no result but what
@@ -97,9 +113,7 @@ class Identification:
     warnings: tuple[str, ...]
     measurement_names: tuple[str, ...]
     validation_names: tuple[str, ...]
-    parent: Identification | None = None
-    added: tuple[EffectChoice, ...] = ()
-    removed: tuple[EffectChoice, ...] = ()
+    step: LadderStep = FIRST
     standard: StandardParameters | None = None
     not_essential: tuple[int, ...] = ()
     shape_constants: tuple[ShapeConstant, ...] = ()
@@ -196,6 +210,6 @@ class Identification:
 
     def ladder(self) -> Iterator[Identification]:
         """The models that led here, the first one first."""
-        if self.parent is not None:
-            yield from self.parent.ladder()
+        if self.step.parent is not None:
+            yield from self.step.parent.ladder()
         yield self

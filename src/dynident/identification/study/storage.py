@@ -29,7 +29,7 @@ from dynident.identification.choices import USUAL_SHARE, IdentificationChoices
 from dynident.identification.methods.bases import ESTIMATORS
 from dynident.identification.parameters.standard import StandardParameters
 from dynident.identification.shapes.shape_constants import ShapeConstant, shape_constants
-from dynident.identification.study.result import Identification
+from dynident.identification.study.result import Identification, LadderStep
 from dynident.kinds import document_of
 from dynident.recordings import Preprocessing
 from dynident.regressors.base_parameters import BaseParameters
@@ -102,8 +102,8 @@ def _arrays(identification: Identification) -> dict[str, Any]:
             "warnings": identification.warnings,
             "measurement_names": identification.measurement_names,
             "validation_names": identification.validation_names,
-            "added": [asdict(choice) for choice in identification.added],
-            "removed": [asdict(choice) for choice in identification.removed],
+            "added": [asdict(choice) for choice in identification.step.added],
+            "removed": [asdict(choice) for choice in identification.step.removed],
             "not_essential": identification.not_essential,
             "converged": identification.converged,
             "shape_constants": [asdict(one) for one in identification.shape_constants],
@@ -186,14 +186,17 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
         warnings=tuple(header["warnings"]),
         measurement_names=tuple(header["measurement_names"]),
         validation_names=tuple(header["validation_names"]),
-        parent=parent,
-        added=tuple(_effect(item) for item in header["added"]),
-        removed=tuple(_effect(item) for item in header["removed"]),
+        step=_step(header, parent),
         not_essential=tuple(header.get("not_essential", ())),
         standard=_standard(arrays),
         shape_constants=_shape_constants(header, model),
         shaped=_reduction(arrays, "shaped") if "shaped_size" in arrays else None,
     )
+
+
+def _step(header: Mapping[str, Any], parent: Identification | None) -> LadderStep:
+    added, removed = (tuple(_effect(item) for item in header[name]) for name in ("added", "removed"))
+    return LadderStep(parent, added, removed)
 
 
 def _solution(arrays: Mapping[str, Any], converged: bool) -> Solution:
