@@ -116,7 +116,7 @@ def rows_of(pool: Pool, recording: Recording, model: Identification) -> tuple[Fl
         w.append(dense)
         y.append(part.tau)
         t.append(part.t)
-    starts = model.training.spans[:, 0]
+    starts = model.data.training.spans[:, 0]
     return np.concatenate(w), np.concatenate(y), np.searchsorted(starts, np.concatenate(t), side="right") - 1
 
 

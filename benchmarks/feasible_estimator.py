@@ -55,14 +55,14 @@ def main() -> None:
 
 
 def cost(found: Identification, values: np.ndarray) -> float:
-    factor = weighted_factor(found.equations, found.solution.noise)
+    factor = weighted_factor(found.data.equations, found.solution.noise)
     return float(np.sum((factor[:, :-1] @ values - factor[:, -1]) ** 2))
 
 
 def in_cvxpy(found: Identification) -> np.ndarray:
     """Base parameters of the feasible standard parameters that fit best."""
     model = found.model
-    factor = weighted_factor(found.equations, found.solution.noise)
+    factor = weighted_factor(found.data.equations, found.solution.noise)
     standard = cp.Variable(len(model.columns))
     not_negative = ("rotor_inertia", "coulomb", "viscous")
     constraints = [standard[k] >= 0 for k, column in enumerate(model.columns) if column.effect in not_negative]

@@ -188,7 +188,7 @@ def study(recordings: int, first: int = 0, estimator: EstimatorName = "wls", mem
         deviations.append(found.statistics.standard_deviations)
         for name in AVAILABLE_COVARIANCES:
             told = name == choices.covariance
-            spread = found.statistics if told else statistics(found.equations, found.solution, name)
+            spread = found.statistics if told else statistics(found.data.equations, found.solution, name)
             held[name].append(np.abs(errors[-1]) <= spread.half_widths())
         motion = tuple(part[::40] for part in arm.motion(np.random.default_rng([8, seed])))
         predicted = predict(found, *motion)
@@ -258,7 +258,7 @@ def study_shapes(hidden: Hidden, recordings: int, first: int = 0, memory: float 
                 truth = hidden.shape[one.name]
                 held[one.name].append(one.interval[0] <= truth <= one.interval[1])
                 pulls[one.name].append((one.value - truth) / one.standard_deviation)
-        half = statistics(found.equations, found.solution).half_widths()
+        half = statistics(found.data.equations, found.solution).half_widths()
         for k, parameter in enumerate(found.parameters):
             if parameter.link not in names:
                 continue

@@ -61,8 +61,7 @@ def made_up(
         model=model,
         choices=replace(known.choices, effects=chosen),
         reference=rng.uniform(0.2, 1.5, reference_size(robot)),
-        equations=reduction,
-        training=reduction,
+        data=replace(known.data, equations=reduction, training=reduction),
         solution=Solution(np.asarray(values), np.ones(robot.n), np.eye(count)),
         statistics=Statistics(1e-6 * np.eye(count), np.ones(robot.n), np.ones(robot.n), np.full(count, np.inf)),
     )

@@ -15,7 +15,6 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.estimation import errors, statistics, weighted_factor
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.equations.data import Data
 from dynident.identification.estimators.feasible import feasible
 from dynident.identification.problem import Problem
 from dynident.identification.study.storage import from_bytes, to_bytes
@@ -51,9 +50,8 @@ def test_data_of_a_robot_that_exists_give_the_same_as_weighted_least_squares():
 
 def test_without_noise_the_least_squares_solution_is_found():
     found, free = identified(), identified(estimator="wls")
-    assert (
-        errors(found.training, found.values).relative_total < 1.02 * errors(free.training, free.values).relative_total
-    )
+    possible, best = (errors(one.data.training, one.values).relative_total for one in (found, free))
+    assert possible < 1.02 * best
     scale = np.abs(found.values).max()
     np.testing.assert_allclose(found.values, free.values, atol=2e-3 * scale)
 
@@ -62,7 +60,7 @@ def test_feasible_parameters_are_those_of_cvxpy():
     """One weighting, the same constraints, stated in another language and solved by another solver."""
     found = identified(1.0, 3.0)
     model, solution = found.model, found.solution
-    rows = weighted_factor(found.equations, solution.noise)
+    rows = weighted_factor(found.data.equations, solution.noise)
     b, grouping = model.n_parameters, model.base.grouping
     u = cp.Variable(len(model.columns))
     constraints = [u[k] >= 0 for k, column in enumerate(model.columns) if column.effect != "rigid_body"]
@@ -117,7 +115,7 @@ def test_friction_that_drives_the_motion_is_held_at_zero_and_named():
 def test_a_limit_that_holds_makes_its_direction_certain_and_leaves_the_others():
     found = identified(0.05, 20.0, friction=-0.5)
     free = replace(found.solution, free=None)
-    limited, unlimited = (statistics(found.equations, one, "by_joint") for one in (found.solution, free))
+    limited, unlimited = (statistics(found.data.equations, one, "by_joint") for one in (found.solution, free))
     held = np.array([p.effect == "coulomb" for p in found.parameters])
     assert (found.statistics.standard_deviations[held] < 1e-9).all()
     assert (unlimited.standard_deviations[held] > 1e-4).all()
@@ -128,7 +126,7 @@ def test_a_limit_that_holds_makes_its_direction_certain_and_leaves_the_others():
 
 def test_the_same_reduced_data_give_the_same_again():
     found = identified(1.0, 20.0)
-    data = Data(found.equations, found.training, (), found.preprocessing, found.reference)
+    data = found.data.to_solve(found.reference)
     fit = feasible(Problem.of(found.model, found.choices, data))
     np.testing.assert_allclose(fit.solution.values, found.values, rtol=1e-9)
 

@@ -93,9 +93,9 @@ def test_held_out_errors_are_those_of_the_noise(identified):
 
 
 def test_an_identification_knows_what_it_was_made_from(identified):
-    assert identified.measurement_names == ("training",)
-    assert identified.validation_names == ("validation",)
-    assert identified.n_equations == identified.training.n_rows
+    assert identified.data.measurement_names == ("training",)
+    assert identified.data.validation_names == ("validation",)
+    assert identified.n_equations == identified.data.training.n_rows
     assert identified.equations_per_parameter == identified.n_equations / len(identified.values)
     assert [p.name for p in identified.parameters] == [c.name for c in identified.model.kept]
     for parameter in identified.parameters:
@@ -221,9 +221,10 @@ def coverage(count: int) -> tuple[float, float]:
         miss = np.abs(found.values - truth)
         within.append(miss <= 2 * found.statistics.standard_deviations)
         one_stretch = Reduction(
-            found.training.n_columns,
+            found.data.training.n_columns,
             tuple(
-                EquationFactors(e.columns, e.joined[None], np.array([e.counts.sum()])) for e in found.training.equations
+                EquationFactors(e.columns, e.joined[None], np.array([e.counts.sum()]))
+                for e in found.data.training.equations
             ),
             np.array([[0.0, 30.0]]),
         )

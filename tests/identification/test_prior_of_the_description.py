@@ -130,10 +130,10 @@ def test_a_prior_is_weighed_as_rows_are():
     found = short("description")
     known = prior_of(found.model, found.choices.trust)
     c = found.model.n_parameters
-    rows = np.vstack([weighted_factor(found.equations, found.solution.noise), known.rows])
+    rows = np.vstack([weighted_factor(found.data.equations, found.solution.noise), known.rows])
     expected = np.linalg.lstsq(rows[:, :c], rows[:, c])[0]
     np.testing.assert_allclose(found.values, expected, rtol=1e-6, atol=1e-7)
-    np.testing.assert_allclose(solve(found.equations, found.solution.noise, known).values, found.values)
+    np.testing.assert_allclose(solve(found.data.equations, found.solution.noise, known).values, found.values)
 
 
 def test_a_joint_that_does_not_move_is_filled_in_by_the_prior_but_its_friction_is_not():

@@ -61,7 +61,7 @@ def test_removing_what_was_added_gives_the_model_before(plain, grown):
     assert back.step.parent is grown
     assert back.step.removed == (EffectChoice("joint_spring"),)
     assert back.step.added == ()
-    assert back.measurement_names == plain.measurement_names
+    assert back.data.measurement_names == plain.data.measurement_names
     assert [model.n_equations for model in back.ladder()] == [plain.n_equations] * 3
 
 

@@ -352,7 +352,7 @@ def test_without_held_out_data_diagnosis_and_checks_the_report_says_so() -> None
 
 def test_what_to_do_next_is_told_of_a_model_that_has_all_that_was_recommended() -> None:
     recommended = replace(DIAGNOSIS, recommended=MODEL.choices.effects[-1:])
-    unseen = replace(MODEL, held_out=None, held_out_data=None)
+    unseen = replace(MODEL, held_out=None, data=replace(MODEL.data, held_out=None))
     page = Page(html_report(unseen, [ReportedRun(FIRST_RUN, compare(unseen, FIRST_RUN), False)], diagnosis=recommended))
     assert "What it recommends is in this model." in page.text["summary"]
     assert "Record another motion, and hold it out." in page.text["summary"]

@@ -20,7 +20,6 @@ from dynident.estimation import errors
 from dynident.estimation.semidefinite import Equations, InfeasibleError, constrained_least_squares
 from dynident.export.unknowns import Unknowns
 from dynident.identification import Identification
-from dynident.identification.equations.data import Data
 from dynident.identification.estimators.feasible import feasible
 from dynident.identification.problem import Problem
 
@@ -171,21 +170,14 @@ def _least_violation(unknowns: Unknowns, equations: Equations, near: float) -> F
 
 def _nearest(identification: Identification, rotors_in_links: bool, blamed: list[str]) -> Completion:
     """What the feasible estimator makes of the same equations."""
-    data = Data(
-        identification.equations,
-        identification.training,
-        (),
-        identification.preprocessing,
-        identification.reference,
-    )
-    choices = identification.choices
+    choices, data = identification.choices, identification.data.to_solve(identification.reference)
     found = feasible(
         Problem(identification.model, data, identification.solution.known, choices.covariance, choices.trust)
     )
     assert found.standard is not None
     values = found.solution.values
-    before = errors(identification.training, identification.values).relative_total
-    after = errors(identification.training, values).relative_total
+    before = errors(data.torque, identification.values).relative_total
+    after = errors(data.torque, values).relative_total
     note = (
         f"These are not the identified parameters but the nearest that bodies can have. What cannot exist: "
         f"{'; '.join(blamed)}. Along the identification's data the torque differs by "
@@ -205,7 +197,7 @@ def _torque_difference(identification: Identification, values: FloatArray) -> st
     """Rms of W (values - χ) along the data, joint by joint, in words."""
     change = values - identification.values
     words = []
-    for joint, equation in zip(identification.model.robot.joints, identification.training.equations, strict=True):
+    for joint, equation in zip(identification.model.robot.joints, identification.data.training.equations, strict=True):
         moved = equation.joined[:, : len(equation.columns)] @ change[equation.columns]
         rms = float(np.linalg.norm(moved)) / np.sqrt(max(float(equation.counts.sum()), 1.0))
         words.append(f"{joint.name} {rms:.3g} {joint.effort_unit}")

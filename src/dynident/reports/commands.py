@@ -65,8 +65,8 @@ def commands(
     found = []
     windows = {one.name: one.windows for one in recordings}
     for number, rung in enumerate(identification.ladder(), 1):
-        files = [*rung.measurement_names, *(part for name in rung.validation_names for part in ("-v", name))]
-        names = [*rung.measurement_names, *rung.validation_names]
+        files = [*rung.data.measurement_names, *(part for name in rung.data.validation_names for part in ("-v", name))]
+        names = [*rung.data.measurement_names, *rung.data.validation_names]
         files += [*_windows(names, windows), *_metadata(names, said)]
         before, out = f"model{number - 1}.npz", ["-o", f"model{number}.npz"]
         step = rung.step

@@ -75,7 +75,7 @@ def validate_bootstrap(
 
     Only reduced data are used: no recording is read.
     """
-    stretches = int(occupied(identification.equations).sum())
+    stretches = int(occupied(identification.data.equations).sum())
     why = _why_not(identification, stretches)
     if why:
         return BootstrapValidation((), None, stretches, 0, 0, Judged("not_evaluated", why))
@@ -111,10 +111,10 @@ def _subject(identification: Identification) -> tuple[list[str], list[str], Redu
     model, choices = identification.model, identification.choices
     names, units = [column.name for column in model.kept], [column.unit for column in model.kept]
     found = None
-    if identification.shaped is not None:
-        found = looked_at_shapes(model, identification.solution, choices.covariance, identification.shaped)
+    if identification.data.shaped is not None:
+        found = looked_at_shapes(model, identification.solution, choices.covariance, identification.data.shaped)
     if found is None:
-        return names, units, identification.equations, identification.solution, identification.statistics
+        return names, units, identification.data.equations, identification.solution, identification.statistics
     for place in shape_places(model.effects):
         joints = "+".join(model.effects[place.choice].joints)
         names.append(f"{'ln ' if place.search.in_octaves else ''}{place.spec.name}{' on ' + joints if joints else ''}")

@@ -37,7 +37,7 @@ def _by_motion(identification: Identification) -> Statistics:
     told = identification.statistics
     if identification.choices.covariance != "by_time_and_joints" or identification.not_essential:
         return told
-    return statistics(identification.equations, identification.solution, "by_joint")
+    return statistics(identification.data.equations, identification.solution, "by_joint")
 
 
 def _of_pair(pair: CloseTogether, names: tuple[str, ...]) -> str:

@@ -12,6 +12,7 @@ from dynident.identification.equations.data import reduced, torque_of
 from dynident.identification.shapes.shape_columns import shape_columns, shape_places
 from dynident.identification.study.concluding import conclude
 from dynident.identification.study.in_memory import NONE_IN_MEMORY, RowsInMemory
+from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Identification
 from dynident.progress import Progress, part
 from dynident.recordings import Preprocessing, Recording
@@ -56,7 +57,14 @@ def identify_model(
         ordinary = training.recordings
         return reduce_with_more(model, columns, ordinary, preprocessing, reference, told, training.rows)
 
-    found = conclude(model, choices, training, None if held_out is None else held_out.torque, shaped=shaped)
-    names = tuple(recording.name for recording in recordings), tuple(recording.name for recording in validation)
-    in_memory = RowsInMemory(training.rows, None if held_out is None else held_out.rows)
-    return replace(found, measurement_names=names[0], validation_names=names[1], in_memory=in_memory)
+    data = ReducedData(
+        training.equations,
+        training.torque,
+        None if held_out is None else held_out.torque,
+        None,
+        preprocessing,
+        tuple(recording.name for recording in recordings),
+        tuple(recording.name for recording in validation),
+    )
+    found = conclude(model, choices, training, data, shaped=shaped)
+    return replace(found, in_memory=RowsInMemory(training.rows, None if held_out is None else held_out.rows))

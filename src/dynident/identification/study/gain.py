@@ -99,7 +99,8 @@ def t_of(gains: FloatArray) -> float:
 
 def _stretch_errors(model: Identification, noise: FloatArray) -> FloatArray:
     """(s,): squared held-out error of every stretch, each joint in units of its noise (n,)."""
-    return np.zeros(0) if model.held_out_data is None else stretch_squares(model.held_out_data, model.values, noise)
+    held_out = model.data.held_out
+    return np.zeros(0) if held_out is None else stretch_squares(held_out, model.values, noise)
 
 
 def stretch_squares(data: Reduction, values: FloatArray, noise: FloatArray) -> FloatArray:

@@ -12,13 +12,14 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice, role_of
 from dynident.effects.written import constant_in_words
-from dynident.estimation import Errors, Reduction, Solution, Statistics, effective_rows, moving_errors, noise_levels
+from dynident.estimation import Errors, Solution, Statistics, effective_rows, moving_errors, noise_levels
 from dynident.estimation.deviations import owed_to_known
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.parameters.judgement import ParameterJudgement, judged
 from dynident.identification.parameters.standard import StandardParameters
 from dynident.identification.shapes.shape_constants import ShapeConstant
 from dynident.identification.study.in_memory import NONE_IN_MEMORY, RowsInMemory
+from dynident.identification.study.reduced_data import ReducedData
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
 
@@ -85,24 +86,18 @@ FIRST = LadderStep()
 class Identification:
     """An identified model.
 
-    `reference` (10 n,) are the standard inertial parameters that predicted loads were computed with; `equations` the
-    rows that the chosen model made of the recordings; `training` and `held_out_data` the joints' torques in them,
-    whatever the model (for the dynamic model `training` is `equations`); `fit` and `held_out` the errors on all rows of
-    these, at rest the distance to what static friction may hold;
-    `names` of the recordings; `step` from the model below it on the ladder;
+    `reference` (10 n,) are the standard inertial parameters that predicted loads were computed with; `data` what the
+    recordings became, which further steps start from; `fit` and `held_out` the errors on all rows of the joints'
+    torques in it, at rest the distance to what static friction may hold; `step` from the model below it on the ladder;
     `standard` the standard parameters where the estimator solved for these; `not_essential` numbers of the parameters
-    that were set to zero as such; `shape_constants` those of the effects, with what the joints' torques say of them,
-    and `shaped` these torques in the model's columns and those of `shape_columns`; `in_memory` no result but what
-    makes an extension quicker.
+    that were set to zero as such; `shape_constants` those of the effects, with what the joints' torques say of them;
+    `in_memory` no result but what makes an extension quicker.
     """
 
     model: Model
     choices: IdentificationChoices
-    preprocessing: Preprocessing
     reference: FloatArray
-    equations: Reduction
-    training: Reduction
-    held_out_data: Reduction | None
+    data: ReducedData
     solution: Solution
     statistics: Statistics
     fit: Errors
@@ -111,13 +106,10 @@ class Identification:
     inertia_matrix_positive_definite: bool
     worst_inertia_eigenvalue: float
     warnings: tuple[str, ...]
-    measurement_names: tuple[str, ...]
-    validation_names: tuple[str, ...]
     step: LadderStep = FIRST
     standard: StandardParameters | None = None
     not_essential: tuple[int, ...] = ()
     shape_constants: tuple[ShapeConstant, ...] = ()
-    shaped: Reduction | None = None
     in_memory: RowsInMemory = NONE_IN_MEMORY
 
     def __repr__(self) -> str:
@@ -128,6 +120,11 @@ class Identification:
         )
 
     @property
+    def preprocessing(self) -> Preprocessing:
+        """How the recordings were filtered."""
+        return self.data.preprocessing
+
+    @property
     def values(self) -> FloatArray:
         """Base parameters χ (b,)."""
         return self.solution.values
@@ -135,12 +132,12 @@ class Identification:
     @cached_property
     def fit_moving(self) -> Errors:
         """The errors of the fit where each joint moves."""
-        return moving_errors(self.training, self.values)
+        return moving_errors(self.data.training, self.values)
 
     @cached_property
     def held_out_moving(self) -> Errors | None:
         """The errors on held-out data where each joint moves."""
-        return None if self.held_out_data is None else moving_errors(self.held_out_data, self.values)
+        return None if self.data.held_out is None else moving_errors(self.data.held_out, self.values)
 
     @property
     def converged(self) -> bool:
@@ -150,7 +147,7 @@ class Identification:
     @property
     def n_equations(self) -> int:
         """Number of rows r of W, of the chosen model."""
-        return self.equations.n_rows
+        return self.data.equations.n_rows
 
     @property
     def equations_per_parameter(self) -> float:
@@ -160,22 +157,22 @@ class Identification:
     @property
     def effective_rows(self) -> FloatArray:
         """(n,): how many independent samples the torque rows of every joint are worth."""
-        if self.equations is self.training:
+        if self.data.fitted_to_torque:
             return self.statistics.effective_rows
-        return effective_rows(self.training, self.values)
+        return effective_rows(self.data.training, self.values)
 
     @property
     def noise(self) -> FloatArray:
         """(n,): standard deviation of every joint's residual, N m or N."""
-        if self.equations is self.training:
+        if self.data.fitted_to_torque:
             return self.statistics.noise
-        return noise_levels(self.training, self.values)
+        return noise_levels(self.data.training, self.values)
 
     @property
     def parameters(self) -> tuple[IdentifiedParameter, ...]:
         """The base parameters in the order of the model."""
         relative = self.statistics.relative_standard_deviations(self.values)
-        owed = owed_to_known(self.equations, self.solution)
+        owed = owed_to_known(self.data.equations, self.solution)
         smallest = max(float(np.min(relative, initial=inf)), _EXACT)
         deviations = self.statistics.standard_deviations
         half = self.statistics.half_widths()

@@ -29,6 +29,7 @@ from dynident.identification.choices import USUAL_SHARE, IdentificationChoices
 from dynident.identification.methods.bases import ESTIMATORS
 from dynident.identification.parameters.standard import StandardParameters
 from dynident.identification.shapes.shape_constants import ShapeConstant, shape_constants
+from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Identification, LadderStep
 from dynident.kinds import document_of
 from dynident.recordings import Preprocessing
@@ -59,7 +60,7 @@ def to_bytes(identification: Identification) -> bytes:
 
 def _arrays(identification: Identification) -> dict[str, Any]:
     """One model without its ancestors."""
-    base = identification.model.base
+    base, data = identification.model.base, identification.data
     arrays: dict[str, Any] = {
         "reference": identification.reference,
         "values": identification.solution.values,
@@ -82,26 +83,21 @@ def _arrays(identification: Identification) -> dict[str, Any]:
         arrays["standard_values"] = identification.standard.values
         arrays["standard_deviations"] = identification.standard.standard_deviations
     _put_errors(arrays, "fit", identification.fit)
-    _put_reduction(arrays, "training", identification.training)
-    if identification.equations is not identification.training:
-        _put_reduction(arrays, "equations", identification.equations)
-    if identification.shaped is not None:
-        _put_reduction(arrays, "shaped", identification.shaped)
-    if identification.held_out is not None and identification.held_out_data is not None:
+    if identification.held_out is not None:
         _put_errors(arrays, "held_out", identification.held_out)
-        _put_reduction(arrays, "held_out_data", identification.held_out_data)
+    _put_data(arrays, data)
     arrays["header"] = _text(
         {
             "robot": robot_document(identification.model.robot),
             "choices": _choices_document(identification.choices),
-            "preprocessing": asdict(identification.preprocessing),
+            "preprocessing": asdict(data.preprocessing),
             "base_names": base.names,
             "base_rank": base.rank,
             "condition_number": identification.condition_number,
             "worst_inertia_eigenvalue": identification.worst_inertia_eigenvalue,
             "warnings": identification.warnings,
-            "measurement_names": identification.measurement_names,
-            "validation_names": identification.validation_names,
+            "measurement_names": data.measurement_names,
+            "validation_names": data.validation_names,
             "added": [asdict(choice) for choice in identification.step.added],
             "removed": [asdict(choice) for choice in identification.step.removed],
             "not_essential": identification.not_essential,
@@ -110,6 +106,16 @@ def _arrays(identification: Identification) -> dict[str, Any]:
         }
     )
     return arrays
+
+
+def _put_data(arrays: dict[str, Any], data: ReducedData) -> None:
+    _put_reduction(arrays, "training", data.training)
+    if not data.fitted_to_torque:
+        _put_reduction(arrays, "equations", data.equations)
+    if data.shaped is not None:
+        _put_reduction(arrays, "shaped", data.shaped)
+    if data.held_out is not None:
+        _put_reduction(arrays, "held_out_data", data.held_out)
 
 
 def _text(document: Mapping[str, Any]) -> NDArray[np.uint8]:
@@ -165,32 +171,39 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
     model = build_model(robot, choices.effects, tolerance=choices.tolerance, signals=signals, base=base)
     if tuple(column.name for column in model.columns) != base.names:
         raise ValueError("the catalogue has other columns for these effects")
-    held_out = "held_out_squares" in arrays
-    training = _reduction(arrays, "training")
     smallest = float(header["worst_inertia_eigenvalue"])
     return Identification(
         model=model,
         choices=choices,
-        preprocessing=_preprocessing(header["preprocessing"]),
         reference=arrays["reference"],
-        equations=_reduction(arrays, "equations") if "equations_size" in arrays else training,
-        training=training,
-        held_out_data=_reduction(arrays, "held_out_data") if held_out else None,
+        data=_data(arrays, header),
         solution=_solution(arrays, bool(header.get("converged", True))),
         statistics=_statistics(arrays),
         fit=_errors(arrays, "fit"),
-        held_out=_errors(arrays, "held_out") if held_out else None,
+        held_out=_errors(arrays, "held_out") if "held_out_squares" in arrays else None,
         condition_number=float(header["condition_number"]),
         inertia_matrix_positive_definite=smallest > 0,
         worst_inertia_eigenvalue=smallest,
         warnings=tuple(header["warnings"]),
-        measurement_names=tuple(header["measurement_names"]),
-        validation_names=tuple(header["validation_names"]),
         step=_step(header, parent),
         not_essential=tuple(header.get("not_essential", ())),
         standard=_standard(arrays),
         shape_constants=_shape_constants(header, model),
-        shaped=_reduction(arrays, "shaped") if "shaped_size" in arrays else None,
+    )
+
+
+def _data(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> ReducedData:
+    others = ("equations", "held_out_data", "shaped")
+    equations, held_out, shaped = (_reduction(arrays, name) if f"{name}_size" in arrays else None for name in others)
+    training = _reduction(arrays, "training")
+    return ReducedData(
+        equations=training if equations is None else equations,
+        training=training,
+        held_out=held_out,
+        shaped=shaped,
+        preprocessing=_preprocessing(header["preprocessing"]),
+        measurement_names=tuple(header["measurement_names"]),
+        validation_names=tuple(header["validation_names"]),
     )
 
 

@@ -87,7 +87,7 @@ def _other_equations(identification: Identification) -> list[str]:
 
 def _excitation(identification: Identification) -> list[str]:
     found = []
-    condition = equilibrated_condition_number(identification.equations, identification.solution.noise)
+    condition = equilibrated_condition_number(identification.data.equations, identification.solution.noise)
     if condition > LARGEST_CONDITION_NUMBER:
         help_is = "Record an exciting trajectory (a design)"
         help_is += "." if identification.choices.prior else ' or use a prior (prior: "description").'
