@@ -133,8 +133,8 @@ def test_a_fit_that_leaves_much_unexplained_points_at_the_columns_and_the_descri
 
 def test_standard_inertia_gives_the_torque_of_the_base_parameters(identified):
     q, dq, ddq = (s[:50] for s in (OTHER_MOTION.q, OTHER_MOTION.dq, OTHER_MOTION.ddq))
-    links, drives = np.split(identified.next_reference(), [60])
-    np.testing.assert_array_equal(links, identified.standard_inertia())
+    links, drives = np.split(identified.estimate.next_reference(), [60])
+    np.testing.assert_array_equal(links, identified.estimate.standard_inertia())
     robot = replace(ROBOT, inertias=links.reshape(-1, 10))
     inertial = np.array([c.effect in ("rigid_body", "rotor_inertia") for c in identified.model.kept])
     entries = identified.model.observation.evaluate(q, dq, ddq, reference=np.zeros(60), memory=np.zeros((50, 0)))
@@ -145,7 +145,7 @@ def test_standard_inertia_gives_the_torque_of_the_base_parameters(identified):
 
 
 def test_motor_torque_is_predicted_with_the_friction_that_was_found(identified):
-    _, _, fc, fv, b = np.split(identified.next_reference(), [60, 66, 72, 78])[0:5]
+    _, _, fc, fv, b = np.split(identified.estimate.next_reference(), [60, 66, 72, 78])[0:5]
     found = {parameter.name: parameter.value for parameter in identified.parameters}
     for j in range(6):
         assert fc[j] == found[f"Fc{j + 1}"]
@@ -228,7 +228,7 @@ def coverage(count: int) -> tuple[float, float]:
             ),
             np.array([[0.0, 30.0]]),
         )
-        raw = statistics(one_stretch, found.solution).standard_deviations
+        raw = statistics(one_stretch, found.estimate.solution).standard_deviations
         within_raw.append(miss <= 2 * raw)
     return float(np.mean(within)), float(np.mean(within_raw))
 

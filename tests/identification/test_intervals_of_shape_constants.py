@@ -75,7 +75,7 @@ def test_parameters_are_told_with_the_shape_uncertain():
     amplitude = next(p for p in FOUND.parameters if p.name == "Fst1")
     assert amplitude.interval[0] < AMPLITUDE < amplitude.interval[1]
     coulomb = next(k for k, p in enumerate(FOUND.parameters) if p.name == "Fc1")
-    certain = statistics(FOUND.data.equations, FOUND.solution).standard_deviations
+    certain = statistics(FOUND.data.equations, FOUND.estimate.solution).standard_deviations
     assert FOUND.statistics.standard_deviations[coulomb] > 1.05 * certain[coulomb]
 
 
@@ -139,9 +139,9 @@ def test_essential_parameters_are_told_with_the_shape_uncertain():
     noisy = identified(recorded(6, noise=2.0), STRIBECK)
     left = essential_parameters(noisy, ratio=3.0)
     assert left.steps
-    kept = [k for k in range(noisy.model.n_parameters) if k not in left.identification.not_essential]
+    kept = [k for k in range(noisy.model.n_parameters) if k not in left.identification.estimate.not_essential]
     data = noisy.data.equations.select(kept)
-    known = replace(left.identification.solution, values=left.identification.values[kept])
+    known = replace(left.identification.estimate.solution, values=left.identification.values[kept])
     factor = weighted_factor(data, known.noise)[:-1, :-1]
     certain = statistics(data, replace(known, factor=factor)).standard_deviations
     coulomb = next(k for k, column in enumerate(noisy.model.kept) if column.name == "Fc1")

@@ -45,10 +45,10 @@ def assert_same(one, other) -> None:
     assert one.inertia_matrix_positive_definite == other.inertia_matrix_positive_definite
     for left, right in (
         (one.values, other.values),
-        (one.reference, other.reference),
+        (one.estimate.reference, other.estimate.reference),
         (one.statistics.covariance, other.statistics.covariance),
         (one.statistics.effective_rows, other.statistics.effective_rows),
-        (one.solution.factor, other.solution.factor),
+        (one.estimate.solution.factor, other.estimate.solution.factor),
         (one.fit.squares, other.fit.squares),
         (one.data.training.spans, other.data.training.spans),
         (one.data.training.equations[1].factors, other.data.training.equations[1].factors),

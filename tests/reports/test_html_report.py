@@ -18,8 +18,7 @@ from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
-from dynident.identification import IdentificationChoices, extend, identify, remove
-from dynident.identification.study.result import LadderStep
+from dynident.identification import IdentificationChoices, LadderStep, extend, identify, remove
 from dynident.recordings import Check, Preprocessing, phase_shares
 from dynident.recordings.phases import Phase
 from dynident.reports import ReportedRun, html_report

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.identification import Identification, identify
-from dynident.identification.study.result import LadderStep
+from dynident.identification import Identification, LadderStep, identify
 from dynident.recordings import Recording, Revision, recording_from_arrays
 from dynident.verdict import common_content, is_stopped, verdict
 

@@ -69,7 +69,7 @@ def check_estimator(estimator: Estimator, choices: IdentificationChoices | None 
 
 
 def _data(found: Identification, trial: Trial, runs: int | None = None) -> Data:
-    return found.data.to_solve(found.reference, trial.recordings[:runs])
+    return found.data.to_solve(found.estimate.reference, trial.recordings[:runs])
 
 
 def _problem(found: Identification, choices: IdentificationChoices, data: Data) -> Problem:

@@ -181,7 +181,8 @@ def _tried(
     model = identification.model
     try:
         reductions = [
-            reduce_recordings(model.observation, [draw], preprocessing, identification.reference) for draw in draws
+            reduce_recordings(model.observation, [draw], preprocessing, identification.estimate.reference)
+            for draw in draws
         ]
         found = np.array([weighted(reduction).values for reduction in reductions])
     except DynidentError as error:

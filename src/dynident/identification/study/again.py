@@ -42,7 +42,7 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
         part, data = Part(known, weights), data.combined(weights)
     shaped = combined_shapes(identification, model.effects, None if part is None else part.weights)
     chosen = replace(choices, preprocessing=identification.choices.preprocessing)
-    found = conclude(model, chosen, data.to_solve(identification.reference), data, part, lambda _: shaped)
+    found = conclude(model, chosen, data.to_solve(identification.estimate.reference), data, part, lambda _: shaped)
     return replace(found, in_memory=identification.in_memory if part is None else NONE_IN_MEMORY)
 
 

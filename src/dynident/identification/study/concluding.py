@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from dynident.arrays import FloatArray
-from dynident.estimation import Linearised, Reduction, condition_number, errors, noise_levels
+from dynident.estimation import Linearised, Reduction, errors, noise_levels
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.checks import check_reduction, check_torque
 from dynident.identification.equations.data import Data
@@ -15,6 +15,7 @@ from dynident.identification.parameters.inertia import smallest_inertia_eigenval
 from dynident.identification.problem import Problem
 from dynident.identification.shapes.shape_constants import looked_at_shapes, shape_constants
 from dynident.identification.strategies.by_name import fit
+from dynident.identification.study.estimate import Estimate
 from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Identification
 from dynident.identification.study.warnings import warnings_of
@@ -63,21 +64,23 @@ def conclude(
     else:
         smallest = smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)
     certain = not choices.least_squares_of_torque
-    result = Identification(
-        model=model,
-        choices=choices,
-        reference=data.reference,
-        data=replace(reduced, shaped=with_shapes),
-        solution=found.solution,
-        statistics=found.statistics if certain or looked is None else looked.of_parameters,
-        fit=errors(data.torque, values),
-        held_out=None if reduced.held_out is None else errors(reduced.held_out, values),
-        condition_number=condition_number(data.equations),
-        inertia_matrix_positive_definite=bool(smallest > 0),
-        worst_inertia_eigenvalue=smallest,
-        warnings=(),
+    estimate = Estimate.of(
+        model,
+        reduced,
+        data.reference,
+        found.solution,
+        found.statistics if certain or looked is None else looked.of_parameters,
         standard=found.standard,
         shape_constants=shape_constants(model, looked),
+    )
+    result = Identification(
+        estimate=estimate,
+        choices=choices,
+        data=replace(reduced, shaped=with_shapes),
+        fit=errors(data.torque, values),
+        held_out=None if reduced.held_out is None else errors(reduced.held_out, values),
+        worst_inertia_eigenvalue=smallest,
+        warnings=(),
     )
     return replace(result, warnings=found.warnings + warnings_of(result))
 

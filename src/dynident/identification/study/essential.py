@@ -25,6 +25,7 @@ from dynident.estimation.essential import Stop
 from dynident.identification.essential_choices import EssentialChoices
 from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
 from dynident.identification.shapes.shape_constants import looked_at_shapes
+from dynident.identification.study.estimate import Estimate
 from dynident.identification.study.result import Identification
 from dynident.threads import single_threaded
 
@@ -100,7 +101,7 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
     if not (np.isfinite(ratio) and ratio > 1):
         raise DynidentError(f"ratio is {ratio}; give a number above 1, usually 10", pointer="/ratio")
     equations, names = identification.data.equations, [column.name for column in identification.model.kept]
-    full = solve(equations, identification.solution.noise, identification.solution.known)
+    full = solve(equations, identification.estimate.solution.noise, identification.estimate.solution.known)
     # The test is about many parameters at a time: a covariance from stretches of time alone has not the rank for it.
     path = eliminate(equations, full, statistics(equations, full, "by_joint"), ratio)
     held_out = identification.data.held_out
@@ -139,18 +140,23 @@ def _with_only(identification: Identification, full: Solution, removed: tuple[in
     freedom[kept] = found.freedom
     values[kept] = solution.values
     covariance[np.ix_(kept, kept)] = found.covariance
+    estimate = Estimate.of(
+        identification.model,
+        identification.data,
+        identification.estimate.reference,
+        replace(full, values=values),
+        Statistics(covariance, found.effective_rows, found.noise, freedom),
+        not_essential=removed,
+        shape_constants=identification.shape_constants,
+    )
     smallest = smallest_inertia_eigenvalue(identification.model, values)
     held_out = identification.data.held_out
     return replace(
         identification,
-        solution=replace(full, values=values),
-        statistics=Statistics(covariance, found.effective_rows, found.noise, freedom),
+        estimate=estimate,
         fit=errors(identification.data.training, values),
         held_out=None if held_out is None else errors(held_out, values),
-        inertia_matrix_positive_definite=bool(smallest > 0),
         worst_inertia_eigenvalue=smallest,
-        not_essential=removed,
-        standard=None,
     )
 
 

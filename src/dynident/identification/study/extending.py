@@ -96,7 +96,7 @@ def _with_one_more(
         (added,),
         motions_and_friction(recordings)[0],
         identification.preprocessing,
-        identification.next_reference(),
+        identification.estimate.next_reference(),
         part(progress, 0.0, 0.5),
         identification.in_memory.training,
     )
@@ -125,9 +125,9 @@ def _identified_with(
     model = extended_model(identification.model, new, tolerance=choices.tolerance)
     if model.n_parameters == identification.model.n_parameters:
         return None
-    reference = identification.reference
+    reference = identification.estimate.reference
     if model.needs_load:
-        reference = identification.next_reference()
+        reference = identification.estimate.next_reference()
     # The plain model's parameters made up for what was missing; columns of the predicted torque, and of the load that
     # others change, are better about the new ones.
     again = any(effect_by_id(choice.effect).first_order for choice in new) or (len(new) > 1 and model.needs_load)
@@ -143,6 +143,6 @@ def _identified_with(
             part(progress, number / passes, (number + 1) / passes),
             identification.in_memory,
         )
-        reference = grown.next_reference()
+        reference = grown.estimate.next_reference()
     grown = replace(grown, step=LadderStep(identification, added=new))
     return replace(grown, warnings=warnings_of_addition(grown) + grown.warnings)

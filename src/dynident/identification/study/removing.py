@@ -48,7 +48,7 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     model, weights = smaller_model(known, kept, choices.tolerance)
     data = identification.data.combined(weights)
     shaped = combined_shapes(identification, kept, weights)
-    to_solve = data.to_solve(identification.reference)
+    to_solve = data.to_solve(identification.estimate.reference)
     smaller = conclude(model, choices, to_solve, data, Part(known, weights), lambda _: shaped)
     return replace(smaller, step=LadderStep(identification, removed=tuple(removed)))
 
