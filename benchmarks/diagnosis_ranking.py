@@ -46,7 +46,7 @@ def main() -> None:
     pool = build_pool(model.model)
     building = time.process_time() - start
     start = time.process_time()
-    data = products(reduce_recordings(pool.observation, [recording], PREPROCESSING, model.standard_inertia()))
+    data = products(reduce_recordings(pool.observation, [recording], PREPROCESSING, model.estimate.standard_inertia()))
     reducing = time.process_time() - start
     base = np.arange(pool.n_base, dtype=np.intp)
     start = time.process_time()
@@ -110,13 +110,13 @@ def rows_of(pool: Pool, recording: Recording, model: Identification) -> tuple[Fl
     """W (m, n, c) and Y (m, n) after the parallel filter, and the number of the stretch that each row is in."""
     observation = pool.observation
     w, y, t = [], [], []
-    for part in filtered_samples(observation, recording, PREPROCESSING, model.standard_inertia()):
+    for part in filtered_samples(observation, recording, PREPROCESSING, model.estimate.standard_inertia()):
         dense = np.zeros((len(part.t), observation.robot.n, observation.n_columns))
         dense[:, observation.entry_rows, observation.entry_columns] = part.values
         w.append(dense)
         y.append(part.tau)
         t.append(part.t)
-    starts = model.training.spans[:, 0]
+    starts = model.data.training.spans[:, 0]
     return np.concatenate(w), np.concatenate(y), np.searchsorted(starts, np.concatenate(t), side="right") - 1
 
 

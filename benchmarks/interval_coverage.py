@@ -188,11 +188,12 @@ def study(recordings: int, first: int = 0, estimator: EstimatorName = "wls", mem
         deviations.append(found.statistics.standard_deviations)
         for name in AVAILABLE_COVARIANCES:
             told = name == choices.covariance
-            spread = found.statistics if told else statistics(found.equations, found.solution, name)
+            spread = found.statistics if told else statistics(found.data.equations, found.estimate.solution, name)
             held[name].append(np.abs(errors[-1]) <= spread.half_widths())
         motion = tuple(part[::40] for part in arm.motion(np.random.default_rng([8, seed])))
-        predicted = predict(found, *motion)
-        right = predict(replace(found, solution=replace(found.solution, values=truth)), *motion).torque
+        predicted = predict(found.estimate, *motion)
+        true = replace(found.estimate, solution=replace(found.estimate.solution, values=truth))
+        right = predict(true, *motion).torque
         torques.append(np.abs(predicted.torque - right) <= predicted.mean_half_width)
     classes = np.array([class_of(column) for column in model.kept])
     bias = np.abs(np.mean(errors, axis=0) / np.mean(deviations, axis=0))
@@ -233,7 +234,7 @@ def shapes_found(arm: VirtualArm, hidden: Hidden, recording: Recording) -> Ident
     choices = [EffectChoice(hidden.effect, (name,), hidden.begun) for name in names]
     if hidden.begun:
         plain = identify(arm.robot, [recording], [], IdentificationChoices(effects=EFFECTS, preprocessing=filters))
-        choices = list(refine_shapes(plain.model, choices, [recording], filters, plain.next_reference()))
+        choices = list(refine_shapes(plain.model, choices, [recording], filters, plain.estimate.next_reference()))
     return identify(
         arm.robot, [recording], [], IdentificationChoices(effects=(*EFFECTS, *choices), preprocessing=filters)
     )
@@ -258,7 +259,7 @@ def study_shapes(hidden: Hidden, recordings: int, first: int = 0, memory: float 
                 truth = hidden.shape[one.name]
                 held[one.name].append(one.interval[0] <= truth <= one.interval[1])
                 pulls[one.name].append((one.value - truth) / one.standard_deviation)
-        half = statistics(found.equations, found.solution).half_widths()
+        half = statistics(found.data.equations, found.estimate.solution).half_widths()
         for k, parameter in enumerate(found.parameters):
             if parameter.link not in names:
                 continue

@@ -259,9 +259,9 @@ def starts(one: Made, rate: float, smeared: float) -> Starts:
     finally:
         row_phases._SMEARED = before
     floor = noise * float(np.sqrt((low_pass(recording.sampling_rate, found.preprocessing.torque_cutoff) ** 2).sum()))
-    beside = [equation.beside for equation in found.training.equations]
+    beside = [equation.beside for equation in found.data.training.equations]
     partial = [(0.0, 0) if b is None else (b.partial.squares(found.values[e.columns]), b.partial.count)
-               for b, e in zip(beside, found.training.equations, strict=True)]  # fmt: skip
+               for b, e in zip(beside, found.data.training.equations, strict=True)]  # fmt: skip
     squares, count = (np.array(column, dtype=np.float64) for column in zip(*partial, strict=True))
     peaks = {p.link: p for p in found.parameters if p.effect == "stribeck"}
     coulomb = one.arm.drives.coulomb

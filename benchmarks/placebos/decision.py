@@ -95,13 +95,13 @@ class Question:
         resolved = resolution(comparisons, preprocessing)
         pool = build_pool(identification.model, None, find_leads(comparisons, recordings, identification), resolved)
         floor = sensor_noise(recordings, preprocessing)
-        plain = remembered(_rows(identification, pool, identification.next_reference()))
+        plain = remembered(_rows(identification, pool, identification.estimate.next_reference()))
         return cls(identification, tuple(recordings), pool, floor, plain)
 
     def named(self, change: Change) -> tuple[str, ...]:
         """Names, with their joints, of all that passes once the rows are changed."""
         pool = self.pool
-        rows = ChangedRows(self.identification, self.recordings, self.identification.next_reference(), change)
+        rows = ChangedRows(self.identification, self.recordings, self.identification.estimate.next_reference(), change)
         data = rows.folded(pool, self.plain)
         start = self._start(data)
         first = judge_all(data, pool, start.base, pool.at_first, start.noise)

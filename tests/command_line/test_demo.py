@@ -76,8 +76,8 @@ def test_its_files_tell_the_same_story_by_hand(tmp_path: Path) -> None:
         *(f"tau{j + 1}" for j in range(6)),
     ]
     model = from_bytes((folder / "model.npz").read_bytes())
-    assert model.parent is not None
-    assert hidden["effect"] in {choice.effect for choice in model.added}
+    assert model.step.parent is not None
+    assert hidden["effect"] in {choice.effect for choice in model.step.added}
     assert "The experiment" in (folder / "report.html").read_text(encoding="utf-8")
     commands = [line.split()[1:] for line in answer.out.splitlines() if line.startswith("  dynident ")]
     commands = [[str(tmp_path / word) if word.startswith("my_") else word for word in command] for command in commands]

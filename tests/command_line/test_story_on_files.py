@@ -203,7 +203,7 @@ def test_extend_adds_what_the_diagnosis_recommends_and_the_error_falls(desk: Pat
     )  # fmt: skip
     found = answer.document
     better = from_bytes((desk / "better.npz").read_bytes())
-    before = better.parent.held_out.relative_total
+    before = better.step.parent.held_out.relative_total
     assert found["parent_id"] == "model"
     assert found["validation"]["relative_total"] == pytest.approx(better.held_out.relative_total)
     assert better.held_out.relative_total < 0.8 * before

@@ -29,7 +29,7 @@ def test_a_bend_that_needs_negative_viscous_friction_beside_it_is_not_possible(h
     run = experiment(on_joint(0, LAWS[hidden]))
     found = run.identification
     pool = build_pool(found.model, [effect])
-    reference = found.next_reference()
+    reference = found.estimate.next_reference()
     data = gather(pool.observation, found.model.signals, [run.training], BAND, reference, pool.n_base)
     base = tuple(range(pool.n_base))
     own = [

@@ -42,7 +42,7 @@ def test_of_an_offset_and_a_wave_one_spring_remains_where_it_says_both(hidden, k
     grid = [tuple(sorted(shape.items())) for shape in effect_by_id("gravity_compensator").grid(ROBOT, 1)]
     two = [EffectChoice("offset", JOINT), EffectChoice("torque_ripple", JOINT, (("k", k),))]
     pool = pool_of(model.model, [*two, *(EffectChoice("gravity_compensator", JOINT, shape) for shape in grid)])
-    rows = Source(model.model, (recording,), model.preprocessing, model.next_reference())
+    rows = Source(model.model, (recording,), model.preprocessing, model.estimate.next_reference())
     data = rows.products(pool)
     base = tuple(range(pool.n_base))
     state = State(base, noise_left(data, base), np.full(6, 0.05), ())

@@ -27,7 +27,7 @@ def trembling(motion: Motion, load: FloatArray) -> FloatArray:
 
 def frequencies(model: Identification, compared: Comparison) -> list[float]:
     lines = motion_lines([compared], HIGHEST)
-    return shaking([compared], model.model.signals, model.next_reference(), HIGHEST, lines)
+    return shaking([compared], model.model.signals, model.estimate.next_reference(), HIGHEST, lines)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice, reference_size
 from dynident.effects.memory import MemoryStates
 from dynident.estimation import EquationFactors, Reduction, Solution, Statistics
-from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.identification import Estimate, Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
 from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.model import build_model
@@ -56,16 +56,15 @@ def made_up(
     factor[:count, -1], factor[-1, -1] = values, 1e-3
     rows = EquationFactors(np.arange(count), factor[None], np.array([1000]))
     reduction = Reduction(count, (rows,) * robot.n, np.array([[0.0, 1.0]]))
-    return replace(
-        known,
-        model=model,
-        choices=replace(known.choices, effects=chosen),
-        reference=rng.uniform(0.2, 1.5, reference_size(robot)),
-        equations=reduction,
-        training=reduction,
-        solution=Solution(np.asarray(values), np.ones(robot.n), np.eye(count)),
-        statistics=Statistics(1e-6 * np.eye(count), np.ones(robot.n), np.ones(robot.n), np.full(count, np.inf)),
+    data = replace(known.data, equations=reduction, training=reduction)
+    estimate = Estimate.of(
+        model,
+        data,
+        rng.uniform(0.2, 1.5, reference_size(robot)),
+        Solution(np.asarray(values), np.ones(robot.n), np.eye(count)),
+        Statistics(1e-6 * np.eye(count), np.ones(robot.n), np.ones(robot.n), np.full(count, np.inf)),
     )
+    return replace(known, estimate=estimate, choices=replace(known.choices, effects=chosen), data=data)
 
 
 def from_standard(
@@ -131,7 +130,7 @@ def predicted(identification: Identification, motion: Motion, runs: FloatArray |
         motion.q,
         motion.dq,
         motion.ddq,
-        reference=identification.reference,
+        reference=identification.estimate.reference,
         memory=MemoryStates(observation.memory).push(motion.q),
         further=FurtherSignals(runs=runs, period=0.01, **signals(identification.model.robot, len(motion.q))),
     )

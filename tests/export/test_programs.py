@@ -99,7 +99,7 @@ def test_a_casadi_file_read_back_is_the_same_function(tmp_path: Path) -> None:
 
 
 def test_a_plain_model_asks_for_the_motion_alone() -> None:
-    assert torque_formula(MODELS["plain"]()).names == ("q", "dq", "ddq")
+    assert torque_formula(MODELS["plain"]().estimate).names == ("q", "dq", "ddq")
 
 
 def compiled(identification: Identification, folder: Path) -> ctypes.CDLL:
@@ -118,7 +118,7 @@ def compiled(identification: Identification, folder: Path) -> ctypes.CDLL:
 
 def run_c(library: ctypes.CDLL, identification: Identification, motion: Motion) -> FloatArray:
     """Torque along a motion, one call a sample."""
-    formula, name = torque_formula(identification), c_name(identification)
+    formula, name = torque_formula(identification.estimate), c_name(identification)
     call = getattr(library, f"{name}_torque")
     state = ctypes.create_string_buffer(8 * (len(formula.memory) + formula.robot.n + 1))
     if formula.memory:

@@ -57,9 +57,9 @@ def test_torque_that_depends_on_jerk_is_not_predicted_without_it():
     plain = identify(robot, recordings[:1], [], IdentificationChoices(EFFECTS, preprocessing=BAND))
     late = extend(plain, [EffectChoice("torque_delay")], recordings[:1])
     still = np.zeros((3, 6))
-    assert predict(plain, still, still, still).torque.shape == (3, 6)
+    assert predict(plain.estimate, still, still, still).torque.shape == (3, 6)
     with pytest.raises(DynidentError, match="torque_delay depends on derivatives of the acceleration"):
-        predict(late, still, still, still)
+        predict(late.estimate, still, still, still)
 
 
 def test_friction_of_some_runs_is_a_difference_and_may_be_negative():

@@ -191,7 +191,7 @@ def test_a_poor_motion_predicts_a_good_one_better_than_with_independent_paramete
 
 def test_every_link_is_a_body_with_volume_and_nothing_is_held_at_an_edge():
     found = poor("description_entropic")
-    inertias = found.standard.inertias(found.model)
+    inertias = found.estimate.standard.inertias(found.model)
     relative = np.linalg.solve(pseudo_inertia(found.model.robot.inertias), pseudo_inertia(inertias))
     assert np.linalg.eigvals(relative).real.min() > 0.1
     assert not any("edge" in warning for warning in found.warnings)
@@ -201,7 +201,7 @@ def test_every_link_is_a_body_with_volume_and_nothing_is_held_at_an_edge():
 def test_a_free_link_is_not_believed():
     held, free = poor("description_entropic"), poor("description_entropic", ("wrist_3_joint",))
     last = [k for k, column in enumerate(held.model.columns) if column.effect == "rigid_body"][-1]
-    assert held.standard.standard_deviations[last] < 0.2 * free.standard.standard_deviations[last]
+    assert held.estimate.standard.standard_deviations[last] < 0.2 * free.estimate.standard.standard_deviations[last]
 
 
 def test_the_choice_is_kept_in_files():

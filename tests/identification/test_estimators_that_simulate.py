@@ -89,7 +89,7 @@ def test_where_the_description_has_no_inertias_either_nothing_is_simulated_and_t
 def test_without_noise_the_estimates_are_the_true_parameters(estimator, least):
     found = identify(SMALL.robot, [SMALL.recorded()], [], choices(estimator))
     # As torque: a metre per second of the sliding joint is not to be held against a radian per second.
-    torque = found.solution.scales
+    torque = found.estimate.solution.scales
     assert np.abs((found.values - SMALL.truth) * torque).max() < least * np.abs(SMALL.truth * torque).max()
     assert found.fit.relative_total < least
     said = found.warnings[0]
@@ -168,7 +168,7 @@ def test_the_command_is_brought_as_late_as_the_motion(late):
 def test_a_robot_that_follows_its_command_late_is_identified_from_the_command(estimator):
     found = identify(SMALL.robot, [commanded_run(0.02)], [], choices(estimator))
     assert "the commanded positions, shifted in time by up to 20 ms" in found.warnings[0]
-    torque = found.solution.scales
+    torque = found.estimate.solution.scales
     assert np.abs((found.values - SMALL.truth) * torque).max() < 2e-2 * np.abs(SMALL.truth * torque).max()
 
 

@@ -61,7 +61,7 @@ def test_extending_gives_what_identifying_at_once_gives(kept, monkeypatch):
     for step in STEPS[:2]:
         if kept == "of a file":
             model = from_bytes(to_bytes(model))
-        assert (model.rows[0] is not None) == (kept == "kept")
+        assert (model.in_memory.training is not None) == (kept == "kept")
         model = extend(model, step, RUNS, HELD_OUT)
     effects = (*PLAIN, *STEPS[0], *STEPS[1])
     whole = identify(ROBOT, RUNS, HELD_OUT, replace(CHOICES, effects=effects))

@@ -15,7 +15,6 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.estimation import errors, statistics, weighted_factor
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.equations.data import Data
 from dynident.identification.estimators.feasible import feasible
 from dynident.identification.problem import Problem
 from dynident.identification.study.storage import from_bytes, to_bytes
@@ -51,9 +50,8 @@ def test_data_of_a_robot_that_exists_give_the_same_as_weighted_least_squares():
 
 def test_without_noise_the_least_squares_solution_is_found():
     found, free = identified(), identified(estimator="wls")
-    assert (
-        errors(found.training, found.values).relative_total < 1.02 * errors(free.training, free.values).relative_total
-    )
+    possible, best = (errors(one.data.training, one.values).relative_total for one in (found, free))
+    assert possible < 1.02 * best
     scale = np.abs(found.values).max()
     np.testing.assert_allclose(found.values, free.values, atol=2e-3 * scale)
 
@@ -61,8 +59,8 @@ def test_without_noise_the_least_squares_solution_is_found():
 def test_feasible_parameters_are_those_of_cvxpy():
     """One weighting, the same constraints, stated in another language and solved by another solver."""
     found = identified(1.0, 3.0)
-    model, solution = found.model, found.solution
-    rows = weighted_factor(found.equations, solution.noise)
+    model, solution = found.model, found.estimate.solution
+    rows = weighted_factor(found.data.equations, solution.noise)
     b, grouping = model.n_parameters, model.base.grouping
     u = cp.Variable(len(model.columns))
     constraints = [u[k] >= 0 for k, column in enumerate(model.columns) if column.effect != "rigid_body"]
@@ -87,19 +85,21 @@ def test_feasible_parameters_are_those_of_cvxpy():
 @given(seed=st.integers(0, 1000), noise=st.sampled_from([0.5, 3.0, 20.0]))
 def test_every_link_could_exist_however_bad_the_data_are(seed, noise):
     found = identified(noise, 3.0, seed=seed)
-    assert found.standard is not None
-    inertias = found.standard.inertias(found.model)
+    assert found.estimate.standard is not None
+    inertias = found.estimate.standard.inertias(found.model)
     assert np.linalg.eigvalsh(pseudo_inertia(inertias)).min() > 0
     assert smallest_pseudo_inertia(inertias).min() > 0
     assert all(p.value >= -1e-6 for p in found.parameters if p.effect in ("coulomb", "viscous"))
     # The standard parameters are those of the base parameters.
-    np.testing.assert_allclose(found.model.base.grouping @ found.standard.values, found.values, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        found.model.base.grouping @ found.estimate.standard.values, found.values, rtol=1e-9, atol=1e-9
+    )
     assert found.inertia_matrix_positive_definite
 
 
 def test_least_squares_alone_gives_links_that_cannot_exist_on_such_data():
     free = identified(20.0, 3.0, "wls")
-    inertias = free.standard_inertia().reshape(-1, 10)
+    inertias = free.estimate.standard_inertia().reshape(-1, 10)
     assert smallest_pseudo_inertia(inertias).min() < 0
     assert not free.inertia_matrix_positive_definite
 
@@ -116,8 +116,8 @@ def test_friction_that_drives_the_motion_is_held_at_zero_and_named():
 
 def test_a_limit_that_holds_makes_its_direction_certain_and_leaves_the_others():
     found = identified(0.05, 20.0, friction=-0.5)
-    free = replace(found.solution, free=None)
-    limited, unlimited = (statistics(found.equations, one, "by_joint") for one in (found.solution, free))
+    free = replace(found.estimate.solution, free=None)
+    limited, unlimited = (statistics(found.data.equations, one, "by_joint") for one in (found.estimate.solution, free))
     held = np.array([p.effect == "coulomb" for p in found.parameters])
     assert (found.statistics.standard_deviations[held] < 1e-9).all()
     assert (unlimited.standard_deviations[held] > 1e-4).all()
@@ -128,14 +128,14 @@ def test_a_limit_that_holds_makes_its_direction_certain_and_leaves_the_others():
 
 def test_the_same_reduced_data_give_the_same_again():
     found = identified(1.0, 20.0)
-    data = Data(found.equations, found.training, (), found.preprocessing, found.reference)
+    data = found.data.to_solve(found.estimate.reference)
     fit = feasible(Problem.of(found.model, found.choices, data))
     np.testing.assert_allclose(fit.solution.values, found.values, rtol=1e-9)
 
 
 def test_standard_parameters_and_limits_come_back_from_a_file():
-    found = identified(0.05, 20.0, friction=-0.5)
-    again = from_bytes(to_bytes(found))
+    whole = identified(0.05, 20.0, friction=-0.5)
+    found, again = whole.estimate, from_bytes(to_bytes(whole)).estimate
     assert again.standard is not None
     assert found.standard is not None
     np.testing.assert_array_equal(again.standard.values, found.standard.values)
@@ -146,7 +146,9 @@ def test_standard_parameters_and_limits_come_back_from_a_file():
 
 def test_what_the_data_leave_open_is_not_given_a_standard_deviation():
     found = identified(0.02, 40.0)
-    deviations = dict(zip((c.name for c in found.model.columns), found.standard.standard_deviations, strict=True))
+    deviations = dict(
+        zip((c.name for c in found.model.columns), found.estimate.standard.standard_deviations, strict=True)
+    )
     assert np.isinf(deviations["M1"])
     assert np.isfinite(deviations["Fv4"])
     assert deviations["Fv4"] == pytest.approx(
@@ -162,7 +164,7 @@ def test_friction_alone_is_held_to_its_sign_without_any_link():
     found = identify(robot, [record(robot, motion, tau)], choices=choices)
     assert all(p.value == pytest.approx(0.0, abs=1e-6) for p in found.parameters if p.effect == "coulomb")
     assert all(p.value > -1e-9 for p in found.parameters)
-    np.testing.assert_array_equal(found.standard_inertia(), robot.inertias.reshape(-1))
+    np.testing.assert_array_equal(found.estimate.standard_inertia(), robot.inertias.reshape(-1))
 
 
 def test_beside_other_friction_coulomb_may_have_any_sign():

@@ -93,9 +93,9 @@ def test_held_out_errors_are_those_of_the_noise(identified):
 
 
 def test_an_identification_knows_what_it_was_made_from(identified):
-    assert identified.measurement_names == ("training",)
-    assert identified.validation_names == ("validation",)
-    assert identified.n_equations == identified.training.n_rows
+    assert identified.data.measurement_names == ("training",)
+    assert identified.data.validation_names == ("validation",)
+    assert identified.n_equations == identified.data.training.n_rows
     assert identified.equations_per_parameter == identified.n_equations / len(identified.values)
     assert [p.name for p in identified.parameters] == [c.name for c in identified.model.kept]
     for parameter in identified.parameters:
@@ -133,8 +133,8 @@ def test_a_fit_that_leaves_much_unexplained_points_at_the_columns_and_the_descri
 
 def test_standard_inertia_gives_the_torque_of_the_base_parameters(identified):
     q, dq, ddq = (s[:50] for s in (OTHER_MOTION.q, OTHER_MOTION.dq, OTHER_MOTION.ddq))
-    links, drives = np.split(identified.next_reference(), [60])
-    np.testing.assert_array_equal(links, identified.standard_inertia())
+    links, drives = np.split(identified.estimate.next_reference(), [60])
+    np.testing.assert_array_equal(links, identified.estimate.standard_inertia())
     robot = replace(ROBOT, inertias=links.reshape(-1, 10))
     inertial = np.array([c.effect in ("rigid_body", "rotor_inertia") for c in identified.model.kept])
     entries = identified.model.observation.evaluate(q, dq, ddq, reference=np.zeros(60), memory=np.zeros((50, 0)))
@@ -145,7 +145,7 @@ def test_standard_inertia_gives_the_torque_of_the_base_parameters(identified):
 
 
 def test_motor_torque_is_predicted_with_the_friction_that_was_found(identified):
-    _, _, fc, fv, b = np.split(identified.next_reference(), [60, 66, 72, 78])[0:5]
+    _, _, fc, fv, b = np.split(identified.estimate.next_reference(), [60, 66, 72, 78])[0:5]
     found = {parameter.name: parameter.value for parameter in identified.parameters}
     for j in range(6):
         assert fc[j] == found[f"Fc{j + 1}"]
@@ -221,13 +221,14 @@ def coverage(count: int) -> tuple[float, float]:
         miss = np.abs(found.values - truth)
         within.append(miss <= 2 * found.statistics.standard_deviations)
         one_stretch = Reduction(
-            found.training.n_columns,
+            found.data.training.n_columns,
             tuple(
-                EquationFactors(e.columns, e.joined[None], np.array([e.counts.sum()])) for e in found.training.equations
+                EquationFactors(e.columns, e.joined[None], np.array([e.counts.sum()]))
+                for e in found.data.training.equations
             ),
             np.array([[0.0, 30.0]]),
         )
-        raw = statistics(one_stretch, found.solution).standard_deviations
+        raw = statistics(one_stretch, found.estimate.solution).standard_deviations
         within_raw.append(miss <= 2 * raw)
     return float(np.mean(within)), float(np.mean(within_raw))
 
@@ -352,8 +353,8 @@ def test_progress_never_runs_backwards_and_may_cancel():
 def test_extending_adds_a_rung_to_the_ladder(identified):
     spring = EffectChoice("joint_spring", (ROBOT.joint_names[1],))
     grown = extend(identified, [spring], [TRAINING], [VALIDATION])
-    assert grown.parent is identified
-    assert grown.added == (spring,)
+    assert grown.step.parent is identified
+    assert grown.step.added == (spring,)
     assert [rung.model.n_parameters for rung in grown.ladder()] == [len(identified.values), len(identified.values) + 1]
     assert grown.fit.relative_total <= identified.fit.relative_total * (1 + 1e-6)
     fresh = identify(ROBOT, [TRAINING], [VALIDATION], choices(*WITH_OFFSET, spring))

@@ -105,8 +105,8 @@ def test_one_equation_is_less_exciting_than_one_a_joint(found):
     assert held_out["filtered"] == pytest.approx(held_out["dynamic"], rel=0.05)
     assert held_out["power"] >= held_out["dynamic"]
     assert held_out["energy"] >= held_out["dynamic"]
-    assert len(found["filtered"].equations.equations) == ROBOT.n
-    assert len(found["power"].equations.equations) == len(found["energy"].equations.equations) == 1
+    assert len(found["filtered"].data.equations.equations) == ROBOT.n
+    assert len(found["power"].data.equations.equations) == len(found["energy"].data.equations.equations) == 1
 
 
 def test_the_constants_of_a_model_are_chosen_once_and_their_reason_is_told(found):

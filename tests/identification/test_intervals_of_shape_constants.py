@@ -75,7 +75,7 @@ def test_parameters_are_told_with_the_shape_uncertain():
     amplitude = next(p for p in FOUND.parameters if p.name == "Fst1")
     assert amplitude.interval[0] < AMPLITUDE < amplitude.interval[1]
     coulomb = next(k for k, p in enumerate(FOUND.parameters) if p.name == "Fc1")
-    certain = statistics(FOUND.equations, FOUND.solution).standard_deviations
+    certain = statistics(FOUND.data.equations, FOUND.estimate.solution).standard_deviations
     assert FOUND.statistics.standard_deviations[coulomb] > 1.05 * certain[coulomb]
 
 
@@ -116,7 +116,7 @@ def test_an_extension_tells_the_same_from_rows_that_were_kept():
 def test_files_keep_them():
     read = from_bytes(to_bytes(FOUND))
     assert read.shape_constants == FOUND.shape_constants
-    assert read.shaped is not None
+    assert read.data.shaped is not None
     np.testing.assert_array_equal(read.statistics.covariance, FOUND.statistics.covariance)
 
 
@@ -139,9 +139,9 @@ def test_essential_parameters_are_told_with_the_shape_uncertain():
     noisy = identified(recorded(6, noise=2.0), STRIBECK)
     left = essential_parameters(noisy, ratio=3.0)
     assert left.steps
-    kept = [k for k in range(noisy.model.n_parameters) if k not in left.identification.not_essential]
-    data = noisy.equations.select(kept)
-    known = replace(left.identification.solution, values=left.identification.values[kept])
+    kept = [k for k in range(noisy.model.n_parameters) if k not in left.identification.estimate.not_essential]
+    data = noisy.data.equations.select(kept)
+    known = replace(left.identification.estimate.solution, values=left.identification.values[kept])
     factor = weighted_factor(data, known.noise)[:-1, :-1]
     certain = statistics(data, replace(known, factor=factor)).standard_deviations
     coulomb = next(k for k, column in enumerate(noisy.model.kept) if column.name == "Fc1")

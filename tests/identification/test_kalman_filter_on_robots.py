@@ -77,7 +77,7 @@ def test_the_slopes_of_the_torque_are_those_of_finite_differences():
 def test_the_filter_predicts_torque_as_well_as_weighted_least_squares(both):
     filtered, least = both
     assert filtered.held_out.relative_total < 1.02 * least.held_out.relative_total
-    torque = filtered.solution.scales
+    torque = filtered.estimate.solution.scales
     assert np.abs((filtered.values - TRUTH) * torque).max() < 0.02 * np.abs(TRUTH * torque).max()
 
 
@@ -103,14 +103,14 @@ def test_nineteen_of_twenty_intervals_of_the_filter_hold_the_truth(correlated):
 
 def test_without_noise_the_filter_finds_the_true_parameters():
     found = identify(ROBOT, [recorded(20.0, 0.0, 0.0)], [], choices("ekf"))
-    torque = found.solution.scales
+    torque = found.estimate.solution.scales
     assert np.abs((found.values - TRUTH) * torque).max() < 2e-3 * np.abs(TRUTH * torque).max()
     assert found.fit.relative_total < 2e-3
 
 
 def test_two_recordings_are_one_after_another():
     found = identify(ROBOT, [recorded(10.0), recorded(10.0, seed=4, name="second")], [], choices("ekf"))
-    torque = found.solution.scales
+    torque = found.estimate.solution.scales
     assert np.abs((found.values - TRUTH) * torque).max() < 0.03 * np.abs(TRUTH * torque).max()
 
 
@@ -140,14 +140,14 @@ def braked(duration: float):
 
 def test_a_joint_that_stands_still_with_its_brake_on_does_not_spoil_the_others():
     found = identify(ROBOT, [recorded(12.0, rate=100.0), braked(12.0)], [], choices("ekf"))
-    torque = found.solution.scales
+    torque = found.estimate.solution.scales
     assert np.abs((found.values - TRUTH) * torque).max() < 0.03 * np.abs(TRUTH * torque).max()
 
 
 def test_where_a_quarter_of_the_data_does_not_determine_the_parameters_the_filter_begins_with_more():
     found = identify(ROBOT, [braked(6.0), recorded(14.0, 0.3, rate=100.0)], [], choices("ekf"))
     assert "began with the first 50% of the data" in found.warnings[0]
-    torque = found.solution.scales
+    torque = found.estimate.solution.scales
     assert np.abs((found.values - TRUTH) * torque).max() < 0.03 * np.abs(TRUTH * torque).max()
 
 

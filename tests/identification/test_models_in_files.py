@@ -37,27 +37,27 @@ def assert_same(one, other) -> None:
     assert one.preprocessing == other.preprocessing
     assert one.parameters == other.parameters
     assert one.warnings == other.warnings
-    assert one.added == other.added
-    assert one.measurement_names == other.measurement_names
-    assert one.validation_names == other.validation_names
+    assert one.step.added == other.step.added
+    assert one.data.measurement_names == other.data.measurement_names
+    assert one.data.validation_names == other.data.validation_names
     assert one.model.robot.joint_names == other.model.robot.joint_names
     assert one.condition_number == other.condition_number
     assert one.inertia_matrix_positive_definite == other.inertia_matrix_positive_definite
     for left, right in (
         (one.values, other.values),
-        (one.reference, other.reference),
+        (one.estimate.reference, other.estimate.reference),
         (one.statistics.covariance, other.statistics.covariance),
         (one.statistics.effective_rows, other.statistics.effective_rows),
-        (one.solution.factor, other.solution.factor),
+        (one.estimate.solution.factor, other.estimate.solution.factor),
         (one.fit.squares, other.fit.squares),
-        (one.training.spans, other.training.spans),
-        (one.training.equations[1].factors, other.training.equations[1].factors),
+        (one.data.training.spans, other.data.training.spans),
+        (one.data.training.equations[1].factors, other.data.training.equations[1].factors),
     ):
         np.testing.assert_array_equal(left, right)
     assert (one.held_out is None) == (other.held_out is None)
     if one.held_out is not None and other.held_out is not None:
         assert one.held_out.relative_total == other.held_out.relative_total
-        assert one.held_out_data.n_rows == other.held_out_data.n_rows
+        assert one.data.held_out.n_rows == other.data.held_out.n_rows
 
 
 def test_a_model_read_from_its_bytes_is_the_same_with_its_whole_ladder():

@@ -34,23 +34,23 @@ def identified(seed: int, fastest: float = 0.7):
 def test_the_interval_of_the_mean_holds_the_true_torque_in_about_95_of_100_cases():
     inside = []
     for seed in range(15):
-        found = predict(identified(seed), OTHER.q, OTHER.dq, OTHER.ddq)
+        found = predict(identified(seed).estimate, OTHER.q, OTHER.dq, OTHER.ddq)
         inside.append(np.abs(found.torque - torque(OTHER)) <= found.mean_half_width)
     assert 0.88 <= np.mean(inside) <= 0.99
 
 
 def test_the_interval_of_a_measurement_adds_the_residual_noise():
     model = identified(1)
-    found = predict(model, OTHER.q, OTHER.dq, OTHER.ddq, level=0.6827)
+    found = predict(model.estimate, OTHER.q, OTHER.dq, OTHER.ddq, level=0.6827)
     np.testing.assert_allclose(
         found.half_width**2 - found.mean_half_width**2, model.noise[None, :] ** 2 + 0 * OTHER.q, rtol=0.02
     )
-    assert (predict(model, OTHER.q, OTHER.dq, OTHER.ddq).half_width > found.half_width).all()
+    assert (predict(model.estimate, OTHER.q, OTHER.dq, OTHER.ddq).half_width > found.half_width).all()
 
 
 def test_a_faster_motion_than_the_identified_one_is_predicted_less_surely():
     model = identified(1)
-    slow, fast = (predict(model, OTHER.q, k * OTHER.dq, k**2 * OTHER.ddq).mean_half_width for k in (1.0, 3.0))
+    slow, fast = (predict(model.estimate, OTHER.q, k * OTHER.dq, k**2 * OTHER.ddq).mean_half_width for k in (1.0, 3.0))
     assert np.median(fast / slow) > 2.0
 
 
@@ -61,13 +61,13 @@ def test_a_motion_that_does_not_fit_is_refused(name, change):
     motion = {"q": OTHER.q, "dq": OTHER.dq, "ddq": OTHER.ddq}
     motion[name] = change(motion[name])
     with pytest.raises(DynidentError) as caught:
-        predict(identified(1), motion["q"], motion["dq"], motion["ddq"])
+        predict(identified(1).estimate, motion["q"], motion["dq"], motion["ddq"])
     assert caught.value.pointer == f"/{name}"
 
 
 def test_a_level_that_is_no_probability_is_refused():
     with pytest.raises(DynidentError, match="between 0 and 1"):
-        predict(identified(1), OTHER.q, OTHER.dq, OTHER.ddq, level=95)
+        predict(identified(1).estimate, OTHER.q, OTHER.dq, OTHER.ddq, level=95)
 
 
 def test_a_motion_without_acceleration_is_said_to_leave_combinations_undetermined():

@@ -130,10 +130,10 @@ def test_a_prior_is_weighed_as_rows_are():
     found = short("description")
     known = prior_of(found.model, found.choices.trust)
     c = found.model.n_parameters
-    rows = np.vstack([weighted_factor(found.equations, found.solution.noise), known.rows])
+    rows = np.vstack([weighted_factor(found.data.equations, found.estimate.solution.noise), known.rows])
     expected = np.linalg.lstsq(rows[:, :c], rows[:, c])[0]
     np.testing.assert_allclose(found.values, expected, rtol=1e-6, atol=1e-7)
-    np.testing.assert_allclose(solve(found.equations, found.solution.noise, known).values, found.values)
+    np.testing.assert_allclose(solve(found.data.equations, found.estimate.solution.noise, known).values, found.values)
 
 
 def test_a_joint_that_does_not_move_is_filled_in_by_the_prior_but_its_friction_is_not():
@@ -177,13 +177,14 @@ def test_a_free_last_link_takes_up_a_payload():
                                                                           estimator="feasible"))  # fmt: skip
     names = [column.name for column in found.model.columns]
     mass, deviation = (
-        values[names.index("M6")] for values in (found.standard.values, found.standard.standard_deviations)
+        values[names.index("M6")]
+        for values in (found.estimate.standard.values, found.estimate.standard.standard_deviations)
     )
     truth = arm("ur10").inertias[5, 9] + 4.0
     assert abs(mass - truth) < 3 * deviation
     assert deviation < 1.0
     believed = identify(arm("ur10"), [run(payload=PAYLOAD)], choices=replace(CHOICES, estimator="feasible"))
-    assert abs(believed.standard.values[names.index("M6")] - truth) > abs(mass - truth)
+    assert abs(believed.estimate.standard.values[names.index("M6")] - truth) > abs(mass - truth)
 
 
 def test_a_prior_comes_back_from_a_file():

@@ -58,10 +58,10 @@ def alike(one, other) -> None:
 def test_removing_what_was_added_gives_the_model_before(plain, grown):
     back = remove(grown, [EffectChoice("joint_spring")])
     alike(back, plain)
-    assert back.parent is grown
-    assert back.removed == (EffectChoice("joint_spring"),)
-    assert back.added == ()
-    assert back.measurement_names == plain.measurement_names
+    assert back.step.parent is grown
+    assert back.step.removed == (EffectChoice("joint_spring"),)
+    assert back.step.added == ()
+    assert back.data.measurement_names == plain.data.measurement_names
     assert [model.n_equations for model in back.ladder()] == [plain.n_equations] * 3
 
 
@@ -119,7 +119,7 @@ def test_of_two_shapes_of_an_effect_one_can_be_removed(plain):
 
 def test_what_was_removed_is_in_the_file(grown):
     back = remove(grown, [SPRING])
-    assert from_bytes(to_bytes(back)).removed == (SPRING,)
+    assert from_bytes(to_bytes(back)).step.removed == (SPRING,)
 
 
 def test_an_addition_that_helps_is_not_warned_of(grown):

@@ -87,7 +87,7 @@ def test_rows_that_are_not_kept_in_memory_give_the_same(monkeypatch):
     kept = identified("irls", True)
     monkeypatch.setattr(rows_module, "MOST_VALUES", 100)
     streamed = identify(arm("ur10"), [recording(True)], choices=CHOICES)
-    assert streamed.rows[0] is None
+    assert streamed.in_memory.training is None
     np.testing.assert_allclose(streamed.values, kept.values, rtol=1e-9, atol=1e-12)
 
 
@@ -97,7 +97,7 @@ def test_it_is_the_robust_regression_of_statsmodels_on_one_joint():
     choices = replace(CHOICES, effects=tuple(replace(e, joints=("wrist_3_joint",)) for e in EFFECTS[1:]))
     # No residual scale may differ: statsmodels takes the median about the median, as here where there is no offset.
     found = identify(robot, [only_friction()], choices=choices)
-    samples = [s for part in found.rows[0].samples for s in part]
+    samples = [s for part in found.in_memory.training.samples for s in part]
     w = np.concatenate([s.values for s in samples])
     y = np.concatenate([s.tau[:, 5] for s in samples])
     huber = sm.RLM(y, w, M=sm.robust.norms.HuberT()).fit(scale_est=sm.robust.scale.mad, tol=1e-10)

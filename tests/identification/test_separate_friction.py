@@ -201,7 +201,7 @@ def test_other_strategies_do_not_take_friction_tests_for_ordinary_data():
         plain = identify(UR10, [whole], [], choices(strategy=strategy))
         found = identify(UR10, [whole, *nonsense], [], choices(strategy=strategy))
         np.testing.assert_array_equal(found.values, plain.values)
-        assert found.measurement_names == ("whole", "odd")
+        assert found.data.measurement_names == ("whole", "odd")
         assert any("odd" in w and "Not used" in w for w in found.warnings)
 
 

@@ -193,7 +193,7 @@ def test_noisy_recordings_are_predicted_nearly_as_well_as_by_the_global_strategy
     for steps in STEPS:
         found = identify(UR10, runs[:1], runs[1:], choices(steps=steps, preprocessing=band))
         assert found.held_out.relative_total < 1.15 * whole.held_out.relative_total
-        np.testing.assert_array_equal(errors(found.training, found.values).squares, found.fit.squares)
+        np.testing.assert_array_equal(errors(found.data.training, found.values).squares, found.fit.squares)
         np.testing.assert_allclose(found.noise, found.fit.rms, rtol=0.1)
         assert (found.effective_rows > 50).all()
         assert (found.effective_rows <= found.n_equations / UR10.n).all()
@@ -269,6 +269,6 @@ def test_joints_that_are_locked_in_some_runs_tell_nothing_of_their_friction_ther
         friction = np.array([c.effect in ("coulomb", "viscous") for c in found.model.kept])
         np.testing.assert_allclose(found.values[friction], truth[friction], rtol=0.15)
         # Where a joint is locked there are no rows of it: in two, three or four of six runs it moves.
-        rows = np.array([equation.counts.sum() for equation in found.training.equations])
+        rows = np.array([equation.counts.sum() for equation in found.data.training.equations])
         moves = np.array([sum(joint not in still for still in sets) for joint in range(6)])
         np.testing.assert_allclose(rows / rows.max(), moves / moves.max(), rtol=0.02)

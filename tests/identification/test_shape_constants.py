@@ -61,7 +61,7 @@ PLAIN_STRIBECK, RUN_STRIBECK = plain(STRIBECK)
 
 
 def arguments(identification, run):
-    return [run], BAND, identification.standard_inertia()
+    return [run], BAND, identification.estimate.standard_inertia()
 
 
 def test_a_stribeck_velocity_is_found_on_the_grid_and_then_between_its_points():
@@ -195,9 +195,9 @@ def test_an_effect_that_needs_the_load_is_predicted_with_the_first_fit():
     found = identify(ROBOT, [run], [], choices)
     parameter = next(p for p in found.parameters if p.name == "cl2")
     assert parameter.value == pytest.approx(0.1, abs=max(0.015, 3 * parameter.standard_deviation))
-    assert found.reference.any()
+    assert found.estimate.reference.any()
     plain_model, _ = plain(tau)
-    assert not plain_model.reference.any()
+    assert not plain_model.estimate.reference.any()
     grown = extend(plain_model, [EffectChoice("load_dependent_friction", (NAMES[1],))], [run])
     np.testing.assert_allclose(grown.values, found.values, rtol=1e-3, atol=1e-3)
 
@@ -212,7 +212,7 @@ def test_an_effect_that_needs_the_load_is_refused_without_the_links():
 
 def test_rows_that_a_model_has_kept_give_the_same_constants():
     choice, given = EffectChoice("stribeck", (NAMES[1],)), arguments(PLAIN_STRIBECK, RUN_STRIBECK)
-    rows = PLAIN_STRIBECK.rows[0]
+    rows = PLAIN_STRIBECK.in_memory.training
     assert rows is not None
     assert complete_shapes(PLAIN_STRIBECK.model, [choice], *given, known=rows) == complete_shapes(
         PLAIN_STRIBECK.model, [choice], *given

@@ -60,7 +60,7 @@ def test_it_is_the_same_as_identifying_anew(change):
     )
     np.testing.assert_allclose(again.held_out.relative, expected.held_out.relative, rtol=1e-5)
     assert again.worst_inertia_eigenvalue == pytest.approx(expected.worst_inertia_eigenvalue, rel=1e-3)
-    assert again.measurement_names == expected.measurement_names
+    assert again.data.measurement_names == expected.data.measurement_names
     assert again.warnings == expected.warnings
 
 

@@ -65,7 +65,7 @@ def test_a_kr300_is_predicted_with_the_prior_and_a_free_payload(kr300, prior):
     for found in kr300(replace(FEASIBLE, prior=prior)):
         assert found.held_out.relative_total <= 0.156
         assert found.inertia_matrix_positive_definite
-        assert smallest_pseudo_inertia(found.standard.inertias(found.model)).min() > 0
+        assert smallest_pseudo_inertia(found.estimate.standard.inertias(found.model)).min() > 0
         assert any("the motion alone does not determine the model" in warning for warning in found.warnings)
         assert any("rest on it rather than on the motion" in warning for warning in found.warnings)
 
@@ -80,8 +80,8 @@ def test_the_payload_of_a_kr300_is_within_its_wide_interval(kr300):
     """150 kg: ten seconds of a small motion tell it to within a sixth, and the interval says so."""
     found, _ = kr300(FEASIBLE)
     place = [column.name for column in found.model.columns].index("M6")
-    mass = found.standard.values[place] - FLANGE
-    deviation = found.standard.standard_deviations[place]
+    mass = found.estimate.standard.values[place] - FLANGE
+    deviation = found.estimate.standard.standard_deviations[place]
     assert abs(mass - 150.0) < 1.96 * deviation
     assert abs(mass - 150.0) < 20.0
     # The description, payload and all, is not believed of the last link.

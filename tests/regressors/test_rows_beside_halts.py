@@ -117,4 +117,4 @@ def test_a_model_that_is_extended_is_the_one_that_is_made_at_once_and_is_read_ba
         np.testing.assert_allclose(one.rms, other.rms, rtol=1e-6, atol=1e-9)
     again = from_bytes(to_bytes(more))
     assert again.fit_moving.rms.tolist() == more.fit_moving.rms.tolist()
-    assert told(errors(again.training, again.values)) == told(errors(more.training, more.values))
+    assert told(errors(again.data.training, again.values)) == told(errors(more.data.training, more.values))

@@ -53,7 +53,7 @@ def recorded(robot, seconds=60.0, rate=1000.0, frequency=0.05, seed=3, noise=0.0
 
 def error(found, truth: np.ndarray) -> float:
     """||D (χ - truth)|| / ||D truth|| with D the norms of the torque's columns."""
-    scales = ordinary(found.training).scales
+    scales = ordinary(found.data.training).scales
     return float(np.linalg.norm(scales * (found.values - truth)) / np.linalg.norm(scales * truth))
 
 
@@ -131,7 +131,7 @@ def test_parameters_that_only_load_the_base_are_no_part_of_the_result():
     assert extra > 0
     found = by_wrench(robot, [recorded(robot, 30.0, 200.0)])
     assert [p.name for p in found.parameters] == list(model.base.kept_names)
-    assert len(found.equations.equations) == 6
+    assert len(found.data.equations.equations) == 6
     assert found.effective_rows.shape == found.noise.shape == (robot.n,)
 
 
@@ -181,12 +181,12 @@ def test_a_payload_is_found_by_the_wrench_and_can_be_taken_out_again():
 
 def test_block_borders_leave_no_trace_in_the_equations_of_the_wrench(monkeypatch):
     run = recorded(arm("scara"), 40.0, 200.0, windows=((2.0, 17.0), (19.0, 36.0)))
-    whole = by_wrench(arm("scara"), [run]).equations
+    whole = by_wrench(arm("scara"), [run]).data.equations
     monkeypatch.setattr("dynident.recordings.filtering.READ_LENGTH", 777)
     monkeypatch.setattr(
         "dynident.regressors.stream.filtered_blocks", lambda *given: filtered_blocks(*given, block_length=331)
     )
-    cut = by_wrench(arm("scara"), [run]).equations
+    cut = by_wrench(arm("scara"), [run]).data.equations
     assert cut.n_rows == whole.n_rows
     for one, other in zip(cut.equations, whole.equations, strict=True):
         grams = [equation.joined.T @ equation.joined for equation in (one, other)]

@@ -18,7 +18,7 @@ from dynident.diagnosis import Change, ChangedValue, FrictionDifference, compare
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
-from dynident.identification import IdentificationChoices, extend, identify, remove
+from dynident.identification import IdentificationChoices, LadderStep, extend, identify, remove
 from dynident.recordings import Check, Preprocessing, phase_shares
 from dynident.recordings.phases import Phase
 from dynident.reports import ReportedRun, html_report
@@ -173,7 +173,7 @@ def test_the_ladder_says_which_model_predicts_best_and_from_where_on_the_error_r
     assert PAGE.text["ladder"].count("✓ best") == 1
     assert "↑ rises" not in PAGE.text["ladder"]
     squares = replace(MODEL.held_out, squares=4 * MODEL.held_out.squares)
-    worse = replace(MODEL, parent=MODEL, added=(EffectChoice("offset"),), held_out=squares)
+    worse = replace(MODEL, step=LadderStep(MODEL, (EffectChoice("offset"),)), held_out=squares)
     page = Page(html_report(worse, [ReportedRun(SECOND_RUN, compare(worse, SECOND_RUN), True)]))
     assert "Model 2 predicts held-out data best; from model 3 on" in page.text["ladder"]
     assert page.text["ladder"].count("✓ best") == page.text["ladder"].count("↑ rises") == 1
@@ -351,7 +351,7 @@ def test_without_held_out_data_diagnosis_and_checks_the_report_says_so() -> None
 
 def test_what_to_do_next_is_told_of_a_model_that_has_all_that_was_recommended() -> None:
     recommended = replace(DIAGNOSIS, recommended=MODEL.choices.effects[-1:])
-    unseen = replace(MODEL, held_out=None, held_out_data=None)
+    unseen = replace(MODEL, held_out=None, data=replace(MODEL.data, held_out=None))
     page = Page(html_report(unseen, [ReportedRun(FIRST_RUN, compare(unseen, FIRST_RUN), False)], diagnosis=recommended))
     assert "What it recommends is in this model." in page.text["summary"]
     assert "Record another motion, and hold it out." in page.text["summary"]

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
+from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice
+from dynident.identification import Identification
 from dynident.recordings import Preprocessing, Recording
 
 ROBOT = arm("ur10")
@@ -27,3 +31,9 @@ def recorded(seed: int, duration: float, name: str, noise: float = 1.0, encoder:
     tau = torque_of(motion) + noise * NOISE * rng.normal(size=motion.q.shape)
     motion.q[:] += encoder * rng.normal(size=motion.q.shape)
     return record(ROBOT, motion, tau, name)
+
+
+def with_values(identified: Identification, values: FloatArray) -> Identification:
+    """The same model with other estimates."""
+    solution = replace(identified.estimate.solution, values=values)
+    return replace(identified, estimate=replace(identified.estimate, solution=solution))

@@ -47,7 +47,7 @@ def test_ordinary_and_weighted_least_squares_agree(identified, training, unseen)
 
 def test_the_torque_distance_is_that_of_the_predicted_torques(identified, training, unseen):
     table = validate_methods(identified, [training], [unseen], [Method(), Method(estimator="ols")])
-    rows = identified.rows[1]
+    rows = identified.in_memory.held_out
     squares = measured = 0.0
     gap = table.results[1].values - table.results[0].values
     phases = RowPhases.of(identified.model.observation, unseen, identified.preprocessing)
@@ -62,7 +62,7 @@ def test_the_torque_deviation_is_that_of_drawn_parameters(identified, training, 
     row = validate_methods(identified, [training], [unseen], [Method()]).results[0]
     rng = np.random.default_rng(1)
     gaps = rng.multivariate_normal(np.zeros(len(row.values)), identified.statistics.covariance, size=300)
-    rows = identified.rows[1].samples[0]
+    rows = identified.in_memory.held_out.samples[0]
     squares = [sum(np.sum(identified.model.observation.torque(s.values, gap) ** 2) for s in rows) for gap in gaps]
     measured = sum(np.sum(s.tau**2) for s in rows)
     assert row.torque_deviation == pytest.approx(np.sqrt(np.mean(squares) / measured), rel=0.1)

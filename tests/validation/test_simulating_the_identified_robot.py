@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measured_arm import BAND, EFFECTS, FC, IA, NOISE, ROBOT, recorded
+from measured_arm import BAND, EFFECTS, FC, IA, NOISE, ROBOT, recorded, with_values
 from oracles import pinocchio_torque
 
 from dynident.effects import EffectChoice
@@ -15,10 +15,6 @@ from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.estimators.recorded_motion import longest_stretch
 from dynident.identification.estimators.simulator import simulator_of
 from dynident.validation import filters_by_simulation, sensor_noise, validate_simulation
-
-
-def with_values(identified, values):
-    return replace(identified, solution=replace(identified.solution, values=values))
 
 
 def of_effect(identified, effect: str) -> list[int]:

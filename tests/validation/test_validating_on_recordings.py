@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from measured_arm import with_values
 
 from dynident.errors import DynidentError
 from dynident.recordings import low_pass
@@ -44,7 +45,7 @@ def test_a_joint_where_predicting_nothing_is_as_good_fails(identified, unseen):
     values = identified.values.copy()
     of_last = [k for k, column in enumerate(identified.model.kept) if column.link == "wrist_3_joint"]
     values[of_last] *= -3.0
-    spoilt = replace(identified, solution=replace(identified.solution, values=values))
+    spoilt = with_values(identified, values)
     found = validate_cross(spoilt, [unseen], limit=0.9)
     assert found.judged.verdict == "fail"
     assert "wrist_3_joint" in found.judged.reason
@@ -80,7 +81,7 @@ def test_a_joint_that_is_mostly_unexplained_fails_even_within_the_limit(identifi
     values = identified.values.copy()
     of_last = [k for k, column in enumerate(identified.model.kept) if column.link == "wrist_3_joint"]
     values[of_last] *= 0.3
-    spoilt = replace(identified, solution=replace(identified.solution, values=values))
+    spoilt = with_values(identified, values)
     found = validate_cross(spoilt, [unseen], limit=0.9)
     assert 0.5 < found.total_moving.relative[5] < 1.0
     assert found.judged.verdict == "fail"

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
-from measured_arm import BAND, IA, ROBOT
+from measured_arm import BAND, IA, ROBOT, with_values
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
@@ -25,10 +23,6 @@ def scaled_eigenvalue(q: np.ndarray, rotors: np.ndarray) -> float:
     a = np.triu(upper) + np.triu(upper, 1).T + np.diag(rotors)
     scale = 1 / np.sqrt(np.diag(a))
     return float(np.linalg.eigvalsh(a * np.outer(scale, scale))[0])
-
-
-def with_values(identified, values):
-    return replace(identified, solution=replace(identified.solution, values=values))
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.identification import Identification, identify
+from dynident.identification import Identification, LadderStep, identify
 from dynident.recordings import Recording, Revision, recording_from_arrays
 from dynident.verdict import common_content, is_stopped, verdict
 
@@ -58,7 +58,7 @@ def test_a_model_that_was_extended_is_not_told_to_be_until_its_error_is_unusual(
         held_out, fit = (
             replace(one, squares=one.squares * (error / one.relative_total) ** 2) for one in (model.held_out, model.fit)
         )
-        return " ".join(verdict(replace(model, held_out=held_out, fit=fit, parent=parent)).next_steps)
+        return " ".join(verdict(replace(model, held_out=held_out, fit=fit, step=LadderStep(parent))).next_steps)
 
     assert "Diagnose what is missing" in steps(0.05, None)
     assert steps(0.05, model) == ""

@@ -70,10 +70,10 @@ def show_fit(found: Identification) -> wire.ErrorsView:
 def _between(parent: Identification, found: Identification) -> list[Identification]:
     """The models above `parent` and below `found`, in the order in which they were made."""
     between: list[Identification] = []
-    below = found.parent
+    below = found.step.parent
     while below is not None and below is not parent:
         between.insert(0, below)
-        below = below.parent
+        below = below.step.parent
     return between
 
 

@@ -51,11 +51,11 @@ def show_ladders(console: Console, one: tuple[str, Identification], other: tuple
 
 def change_text(model: Identification) -> str:
     """What was added to the model before, or taken out of it."""
-    if model.parent is None:
+    if model.step.parent is None:
         return "first model"
     robot = model.model.robot
-    added = [choice_text(choice, robot) for choice in model.added]
-    return ", ".join(added + [f"without {choice_text(choice, robot)}" for choice in model.removed])
+    added = [choice_text(choice, robot) for choice in model.step.added]
+    return ", ".join(added + [f"without {choice_text(choice, robot)}" for choice in model.step.removed])
 
 
 def _total(model: Identification, held_out: bool) -> float:

@@ -63,7 +63,7 @@ class Outcome:
             "noise_floor": found.diagnosis.noise_floor.tolist(),
             "ladder": [
                 {
-                    "added": [{"effect": one.effect, "joints": list(one.joints)} for one in model.added],
+                    "added": [{"effect": one.effect, "joints": list(one.joints)} for one in model.step.added],
                     "fit": model.fit.relative_total,
                     "held_out": model.held_out.relative_total if model.held_out is not None else None,
                     "held_out_over_noise_floor": found.over_floor(model).tolist(),

@@ -155,7 +155,7 @@ def _candidates(console: Console, robot: Robot, found: Analysis) -> None:
 
 def _ladder(console: Console, robot: Robot, found: Analysis) -> None:
     """Joints down, models across: names of joints are long, of effects short."""
-    added = [", ".join(choice.effect for choice in model.added) for model in found.ladder[1:]]
+    added = [", ".join(choice.effect for choice in model.step.added) for model in found.ladder[1:]]
     over = [found.over_floor(model) for model in found.ladder]
     floor = found.diagnosis.noise_floor
     rows = [

@@ -147,7 +147,7 @@ class UsedPreprocessing(Shown):
 class StepView(Shown):
     """A model on the way from the parent to this one, with one effect more than the one before."""
 
-    added: list[EffectChoice]
+    added: Annotated[list[EffectChoice], At("step.added")]
     n_parameters: Annotated[int, At("model.n_parameters")]
     residual: Annotated[ErrorsView, At("fit")]
     validation: Annotated[ErrorsView | None, At("held_out")]
@@ -234,8 +234,8 @@ class Rung(Shown):
     name: str | None
     parent_id: str | None
     status: str
-    added: list[EffectChoice]
-    removed: list[EffectChoice]
+    added: Annotated[list[EffectChoice], At("step.added")]
+    removed: Annotated[list[EffectChoice], At("step.removed")]
     effects: Annotated[list[EffectChoice], At("choices.effects")]
     n_parameters: Annotated[int | None, At("model.n_parameters")]
     residual: Annotated[ErrorsView | None, At("fit")]

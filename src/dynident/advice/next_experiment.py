@@ -287,7 +287,7 @@ def _paired(identification: Identification, data: _AtHand, doubt: Doubt, rival: 
         model.robot,
         (*model.effects, *doubt.beside, *pair),
         signals=model.signals,
-        reference=identification.next_reference(),
+        reference=identification.estimate.next_reference(),
         other_runs=True,
     )
     rows = rows_of(wanted, data.comparisons, data.recordings)

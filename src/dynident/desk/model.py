@@ -145,15 +145,15 @@ class Model:
             Where they are not called as those that it was identified from.
         """
         learnt, tried = as_recordings(recordings), as_recordings(validation)
-        _check_names(learnt, self.identification.measurement_names, "was identified from")
-        if tried and self.identification.validation_names:
-            _check_names(tried, self.identification.validation_names, "was tried on")
+        _check_names(learnt, self.identification.data.measurement_names, "was identified from")
+        if tried and self.identification.data.validation_names:
+            _check_names(tried, self.identification.data.validation_names, "was tried on")
         return replace(self, recordings=learnt, validation=tried)
 
     def check_data(self, purpose: str) -> None:
         """Raise `DynidentError` where the model has no recordings to do something with."""
         if not self.recordings:
-            names = ", ".join(self.identification.measurement_names)
+            names = ", ".join(self.identification.data.measurement_names)
             raise DynidentError(
                 f"to {purpose} takes the recordings that it was identified from ({names}), and a file holds the model "
                 "alone; read them and give them: model = model.with_data(recordings, validation)",
@@ -283,10 +283,10 @@ _COLUMNS = ("model", "what is new", "parameters", "fit", "held out", "")
 
 def _whole_change(one: Identification) -> str:
     robot = one.model.robot
-    if one.parent is None:
+    if one.step.parent is None:
         return ", ".join(dict.fromkeys(title_of(choice.effect) for choice in one.choices.effects))
-    added = [_words(choice, robot) for choice in one.added]
-    return ", ".join([*added, *(f"without {_words(choice, robot)}" for choice in one.removed)])
+    added = [_words(choice, robot) for choice in one.step.added]
+    return ", ".join([*added, *(f"without {_words(choice, robot)}" for choice in one.step.removed)])
 
 
 def _change(one: Identification) -> str:

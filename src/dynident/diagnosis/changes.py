@@ -55,7 +55,7 @@ def together(
         (),
         replace(identification.choices, strategy="global", estimator="wls", prior=_kept(identification.choices.prior)),
         identification.preprocessing,
-        identification.next_reference(),
+        identification.estimate.next_reference(),
         progress,
     )
     return both, everything, since

@@ -120,7 +120,7 @@ def examine(
     leads = find_leads(comparisons, recordings, identification, since)
     pool = build_pool(model, candidates, leads, resolved)
     floor = sensor_noise(recordings, identification.preprocessing)
-    reference = identification.next_reference()
+    reference = identification.estimate.next_reference()
     rows = Source(model, tuple(recordings), identification.preprocessing, reference)
     data = rows.products(pool, part(progress, 0.1, 0.5))
     start = _start(data, pool, identification, floor)

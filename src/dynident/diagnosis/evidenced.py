@@ -169,7 +169,7 @@ def _rows(
 ) -> _Rows:
     """Residual and fitted effects along all recordings."""
     model, preprocessing = identification.model, identification.preprocessing
-    reference = identification.next_reference()
+    reference = identification.estimate.next_reference()
     new, places = _columns(identification, choices)
     whole = model.observation.extended(new, model.signals)
     samples = _Samples(whole, recordings, identification, reference)

@@ -33,7 +33,7 @@ def to_c(identification: Identification) -> str:
     DynidentError
         For an effect of another distribution whose columns use an operation that C code is not written for.
     """
-    formula, name = torque_formula(identification), c_name(identification)
+    formula, name = torque_formula(identification.estimate), c_name(identification)
     guard = name.upper()
     parts = [
         _comment(_header(identification, formula, name)),

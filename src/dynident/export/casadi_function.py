@@ -19,7 +19,7 @@ def to_casadi(identification: Identification) -> ca.Function:
     (n, 1) in N m or N; a model with hysteresis also gives z_next, which is z of the next sample. Joints stand in the
     robot's order.
     """
-    return function_of(torque_formula(identification))
+    return function_of(torque_formula(identification.estimate))
 
 
 def function_of(formula: TorqueFormula) -> ca.Function:

@@ -19,10 +19,10 @@ from dynident.errors import DynidentError
 from dynident.estimation import errors
 from dynident.estimation.semidefinite import Equations, InfeasibleError, constrained_least_squares
 from dynident.export.unknowns import Unknowns
-from dynident.identification import Identification
-from dynident.identification.equations.data import Data
+from dynident.identification import Estimate, Identification
 from dynident.identification.estimators.feasible import feasible
 from dynident.identification.problem import Problem
+from dynident.regressors.model import Model
 
 # Least eigenvalues of a link's pseudo-inertia, in units of its usual mass and size, that are tried one after the other.
 # Links that were estimated as feasible are so already.
@@ -71,15 +71,15 @@ def complete(identification: Identification, *, nearest: bool = False, rotors_in
         Where there are none and `nearest` is not set (naming the links), or the model has no rigid body.
     """
     values = identification.values
-    blamed = _driving_friction(identification)
+    blamed = _driving_friction(identification.estimate)
     margins = _SMALL_MARGINS if identification.choices.solver.possible_bodies else _MARGINS
     # Where the rotors' share does not fit into the links, they may have one of their own.
     for merged in (True, False) if rotors_in_links else (False,):
-        unknowns = Unknowns.of(identification.model, rotors_in_links=merged, estimated=identification.standard)
+        unknowns = Unknowns.of(identification.model, rotors_in_links=merged, estimated=identification.estimate.standard)
         equations = _equations(unknowns, values)
         found = _completed(unknowns, equations, values, margins)
         if found is not None and not blamed:
-            return _gathered(identification, unknowns, found, values)
+            return _gathered(identification.model, unknowns, found, values)
     if found is None:
         blamed += _impossible(unknowns, equations)
     if not nearest:
@@ -171,21 +171,14 @@ def _least_violation(unknowns: Unknowns, equations: Equations, near: float) -> F
 
 def _nearest(identification: Identification, rotors_in_links: bool, blamed: list[str]) -> Completion:
     """What the feasible estimator makes of the same equations."""
-    data = Data(
-        identification.equations,
-        identification.training,
-        (),
-        identification.preprocessing,
-        identification.reference,
-    )
-    choices = identification.choices
+    choices, data = identification.choices, identification.data.to_solve(identification.estimate.reference)
     found = feasible(
-        Problem(identification.model, data, identification.solution.known, choices.covariance, choices.trust)
+        Problem(identification.model, data, identification.estimate.solution.known, choices.covariance, choices.trust)
     )
     assert found.standard is not None
     values = found.solution.values
-    before = errors(identification.training, identification.values).relative_total
-    after = errors(identification.training, values).relative_total
+    before = errors(data.torque, identification.values).relative_total
+    after = errors(data.torque, values).relative_total
     note = (
         f"These are not the identified parameters but the nearest that bodies can have. What cannot exist: "
         f"{'; '.join(blamed)}. Along the identification's data the torque differs by "
@@ -197,7 +190,7 @@ def _nearest(identification: Identification, rotors_in_links: bool, blamed: list
     if completed is None:
         unknowns = Unknowns.of(identification.model)
         completed = found.standard.values[unknowns.columns]
-    changed = _gathered(identification, unknowns, completed, values)
+    changed = _gathered(identification.model, unknowns, completed, values)
     return replace(changed, exact=False, notes=(note, *changed.notes))
 
 
@@ -205,29 +198,29 @@ def _torque_difference(identification: Identification, values: FloatArray) -> st
     """Rms of W (values - χ) along the data, joint by joint, in words."""
     change = values - identification.values
     words = []
-    for joint, equation in zip(identification.model.robot.joints, identification.training.equations, strict=True):
+    for joint, equation in zip(identification.model.robot.joints, identification.data.training.equations, strict=True):
         moved = equation.joined[:, : len(equation.columns)] @ change[equation.columns]
         rms = float(np.linalg.norm(moved)) / np.sqrt(max(float(equation.counts.sum()), 1.0))
         words.append(f"{joint.name} {rms:.3g} {joint.effort_unit}")
     return ", ".join(words)
 
 
-def _driving_friction(identification: Identification) -> list[str]:
+def _driving_friction(estimate: Estimate) -> list[str]:
     """Coulomb and viscous friction below zero, in words."""
     return [
         f"{column.name} of {column.link} (friction of {value:.3g}, which drives)"
-        for column, value in zip(identification.model.kept, identification.values, strict=True)
+        for column, value in zip(estimate.model.kept, estimate.values, strict=True)
         if role_of(column) in _FRICTION and not column.runs and value < _ROUNDING
     ]
 
 
-def _gathered(identification: Identification, unknowns: Unknowns, found: FloatArray, values: FloatArray) -> Completion:
+def _gathered(model: Model, unknowns: Unknowns, found: FloatArray, values: FloatArray) -> Completion:
     """Unknowns and base parameters as those of joints."""
     inertias, rotors = unknowns.standard(found)
-    robot = identification.model.robot.tree
+    robot = model.robot.tree
     friction: dict[Role | None, FloatArray] = {role: np.zeros(robot.n) for role in _FRICTION}
     own = values - unknowns.grouping @ found
-    for column, value in zip(identification.model.kept, own, strict=True):
+    for column, value in zip(model.kept, own, strict=True):
         role = role_of(column)
         if role in friction and not column.runs:
             friction[role][robot.joint_names.index(column.link)] += max(value, 0.0)

@@ -73,7 +73,7 @@ def model_document(identification: Identification) -> dict[str, Any]:
     set that gives the same base parameters, where there is one.
     """
     model, base = identification.model, identification.model.base
-    formula = torque_formula(identification)
+    formula = torque_formula(identification.estimate)
     return {
         "format": FORMAT,
         "version": __version__,
@@ -117,7 +117,7 @@ def model_document(identification: Identification) -> dict[str, Any]:
         ],
         "without_effect": list(base.without_effect),
         "rank": base.rank,
-        "reference": [float(value) for value in identification.reference],
+        "reference": [float(value) for value in identification.estimate.reference],
         "standard_parameters": _standard(identification),
     }
 

@@ -9,7 +9,7 @@ import casadi as ca
 from dynident.effects import MemorySignal, ReferenceParameters, RunSignal, Signals
 from dynident.effects.linked import all_positions
 from dynident.effects.memory import step_expression
-from dynident.identification import Identification
+from dynident.identification import Estimate
 from dynident.robot.model import Robot
 
 
@@ -50,18 +50,18 @@ class TorqueFormula:
         return tuple(argument.name for argument in self.arguments)
 
 
-def torque_formula(identification: Identification) -> TorqueFormula:
+def torque_formula(estimate: Estimate) -> TorqueFormula:
     """Return the torque that an identified model predicts, with every constant in it.
 
     q, dq and ddq are always among the arguments; dddq, ddddq, time, period, temperature, runs, and z with q_before only
     where an effect of the model needs them.
     """
-    model = identification.model
+    model = estimate.model
     signals, observation = model.signals, model.observation
     torque = ca.SX(model.robot.n, 1)
-    for column, value in zip(observation.columns, identification.values, strict=True):
+    for column, value in zip(observation.columns, estimate.values, strict=True):
         torque += column.torque * float(value)
-    reference = ReferenceParameters.of_vector(identification.reference, model.robot).vector
+    reference = ReferenceParameters.of_vector(estimate.reference, model.robot).vector
     torque = ca.substitute(ca.densify(torque), signals.reference, ca.SX(ca.DM(reference)))
     states = [signals.memory(item) for item in observation.memory]
     arguments = _motion(signals, torque)

@@ -41,7 +41,7 @@ def identification_lines(identification: Identification) -> list[str]:
     choices = identification.choices
     lines = [
         f"Robot: {identification.model.robot.name}",
-        f"Identified from: {', '.join(identification.measurement_names) or 'data without a name'}",
+        f"Identified from: {', '.join(identification.data.measurement_names) or 'data without a name'}",
         f"Model {choices.model}, strategy {choices.strategy}, estimator {choices.solver.in_words}; "
         f"{identification.model.n_parameters} base parameters from {identification.n_equations} equations",
         f"Relative error of the torque: {identification.fit.relative_total:.2%} on these data"

@@ -14,21 +14,26 @@ if TYPE_CHECKING:
     from dynident.identification.parameters.standard import StandardParameters
     from dynident.identification.shapes.shape_constants import ShapeConstant
     from dynident.identification.study.again import reidentify
+    from dynident.identification.study.estimate import Estimate, IdentifiedParameter
     from dynident.identification.study.extending import extend
     from dynident.identification.study.fitting import identify_model
     from dynident.identification.study.identifying import identify
+    from dynident.identification.study.reduced_data import ReducedData
     from dynident.identification.study.removing import remove
-    from dynident.identification.study.result import Identification, IdentifiedParameter
+    from dynident.identification.study.result import Identification, LadderStep
     from dynident.identification.study.storage import from_bytes, to_bytes
 
 __all__ = [
     "CurrentModel",
     "DriveGains",
+    "Estimate",
     "Identification",
     "IdentificationChoices",
     "IdentifiedParameter",
+    "LadderStep",
     "PayloadEstimate",
     "PayloadVerdict",
+    "ReducedData",
     "ShapeConstant",
     "StandardParameters",
     "extend",

@@ -65,20 +65,21 @@ def commands(
     found = []
     windows = {one.name: one.windows for one in recordings}
     for number, rung in enumerate(identification.ladder(), 1):
-        files = [*rung.measurement_names, *(part for name in rung.validation_names for part in ("-v", name))]
-        names = [*rung.measurement_names, *rung.validation_names]
+        files = [*rung.data.measurement_names, *(part for name in rung.data.validation_names for part in ("-v", name))]
+        names = [*rung.data.measurement_names, *rung.data.validation_names]
         files += [*_windows(names, windows), *_metadata(names, said)]
         before, out = f"model{number - 1}.npz", ["-o", f"model{number}.npz"]
-        if rung.parent is not None and rung.added:
-            texts = ",".join(effect_text(choice, _DIGITS) for choice in rung.added)
+        step = rung.step
+        if step.added:
+            texts = ",".join(effect_text(choice, _DIGITS) for choice in step.added)
             words = ["extend", before, *files, "--effects", texts, *out]
-        elif rung.parent is not None and rung.removed:
-            texts = ",".join(effect_text(choice, _DIGITS) for choice in rung.removed)
+        elif step.removed:
+            texts = ",".join(effect_text(choice, _DIGITS) for choice in step.removed)
             words = ["remove", before, "--effects", texts, *out]
         else:
             words = ["identify", ROBOT, *files, *_options(rung.choices), *_filters(rung.preprocessing), *out]
-        told = rung.added or rung.removed if rung.parent is not None else ()
-        found.append(shlex.join(["dynident", *words]) + _in_some_runs(told or rung.choices.effects))
+        told = step.added or step.removed or rung.choices.effects
+        found.append(shlex.join(["dynident", *words]) + _in_some_runs(told))
     return tuple(found)
 
 

@@ -69,7 +69,7 @@ def check_estimator(estimator: Estimator, choices: IdentificationChoices | None 
 
 
 def _data(found: Identification, trial: Trial, runs: int | None = None) -> Data:
-    return Data(found.equations, found.training, trial.recordings[:runs], found.preprocessing, found.reference)
+    return found.data.to_solve(found.estimate.reference, trial.recordings[:runs])
 
 
 def _problem(found: Identification, choices: IdentificationChoices, data: Data) -> Problem:

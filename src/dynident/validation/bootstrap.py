@@ -75,7 +75,7 @@ def validate_bootstrap(
 
     Only reduced data are used: no recording is read.
     """
-    stretches = int(occupied(identification.equations).sum())
+    stretches = int(occupied(identification.data.equations).sum())
     why = _why_not(identification, stretches)
     if why:
         return BootstrapValidation((), None, stretches, 0, 0, Judged("not_evaluated", why))
@@ -99,7 +99,7 @@ def _why_not(identification: Identification, stretches: int) -> str:
             "Drawing anew is for parameters that are least squares of the joints' torques (the dynamic model, the "
             "strategy global, the estimators ols, wls and feasible)."
         )
-    if identification.not_essential:
+    if identification.estimate.not_essential:
         return "Parameters were set to zero as not essential: draw from the model before that."
     if stretches < FEWEST_CLUSTERS:
         return f"There are {stretches} stretches of time, too few to draw from: {FEWEST_CLUSTERS} at least are needed."
@@ -108,13 +108,13 @@ def _why_not(identification: Identification, stretches: int) -> str:
 
 def _subject(identification: Identification) -> tuple[list[str], list[str], Reduction, Solution, Statistics]:
     """What is drawn: names, units, data, estimate, and what is told of it; shape constants behind the parameters."""
-    model, choices = identification.model, identification.choices
+    estimate, data, model = identification.estimate, identification.data, identification.model
     names, units = [column.name for column in model.kept], [column.unit for column in model.kept]
     found = None
-    if identification.shaped is not None:
-        found = looked_at_shapes(model, identification.solution, choices.covariance, identification.shaped)
+    if data.shaped is not None:
+        found = looked_at_shapes(model, estimate.solution, identification.choices.covariance, data.shaped)
     if found is None:
-        return names, units, identification.equations, identification.solution, identification.statistics
+        return names, units, data.equations, estimate.solution, estimate.statistics
     for place in shape_places(model.effects):
         joints = "+".join(model.effects[place.choice].joints)
         names.append(f"{'ln ' if place.search.in_octaves else ''}{place.spec.name}{' on ' + joints if joints else ''}")

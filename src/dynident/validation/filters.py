@@ -181,21 +181,22 @@ def _tried(
     model = identification.model
     try:
         reductions = [
-            reduce_recordings(model.observation, [draw], preprocessing, identification.reference) for draw in draws
+            reduce_recordings(model.observation, [draw], preprocessing, identification.estimate.reference)
+            for draw in draws
         ]
         found = np.array([weighted(reduction).values for reduction in reductions])
     except DynidentError as error:
         return FilterTrial(preprocessing, None, None, "", None, error.detail)
     gaps = found - true
     # Held against the rows of the identification itself: what the parameters cost there does not depend on the filter.
-    size = [share_of_measured(identification.training, gap) for gap in gaps]
+    size = [share_of_measured(identification.data.training, gap) for gap in gaps]
     mean = gaps.mean(axis=0)
     deviations = identification.statistics.standard_deviations
     biases = np.abs(mean) / np.maximum(deviations, np.finfo(float).tiny)
     worst = int(np.argmax(biases))
     squared = float(np.mean(np.square(size)))
     # The mean of few draws scatters too; what that alone would make is taken off.
-    of_mean = share_of_measured(identification.training, mean) ** 2
+    of_mean = share_of_measured(identification.data.training, mean) ** 2
     bias = max(of_mean - (squared - of_mean) / (len(draws) - 1), 0.0)
     return FilterTrial(
         preprocessing,

@@ -112,7 +112,8 @@ def validate_methods(
     chosen = tuple(dict.fromkeys(methods)) if methods else available_methods(identification.choices)
     for method in chosen:
         method.of(identification.choices)
-    model, preprocessing, reference = identification.model, identification.preprocessing, identification.reference
+    model, reference = identification.model, identification.estimate.reference
+    preprocessing = identification.preprocessing
     tried = torque_of(model, validation, preprocessing, reference, part(progress, 0.0, 0.1)) if validation else None
     data: dict[tuple[ModelName, bool], Data | DynidentError] = {}
     results: list[MethodResult] = []
@@ -140,7 +141,7 @@ def _data_of(
             choices.rows_asked,
             recordings,
             identification.preprocessing,
-            identification.reference,
+            identification.estimate.reference,
             progress,
         )
     except DynidentError as error:

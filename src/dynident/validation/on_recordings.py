@@ -118,7 +118,7 @@ def _tried(
     for index, recording in enumerate(recordings):
         share = part(progress, index / len(recordings), (index + 1) / len(recordings))
         data = torque_of(
-            identification.model, [recording], identification.preprocessing, identification.reference, share
+            identification.model, [recording], identification.preprocessing, identification.estimate.reference, share
         )
         values = identification.values
         found.append(RecordingErrors(recording.name, errors(data.torque, values), moving_errors(data.torque, values)))

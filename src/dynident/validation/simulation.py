@@ -11,7 +11,7 @@ from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.estimation.statistics import NORMAL_95
-from dynident.identification import Identification
+from dynident.identification import Estimate, Identification
 from dynident.identification.estimators.recorded_motion import RecordedMotion, longest_stretch
 from dynident.identification.estimators.simulator import simulator_of
 from dynident.identification.thresholds import LARGEST_ERROR
@@ -77,7 +77,7 @@ def validate_simulation(
         raise DynidentError(f"longest is {longest} s; give a duration above 0", pointer="/longest")
     motion = longest_stretch(recording, identification.preprocessing, longest)
     duration = motion.reference.duration
-    impossible = _impossible(identification)
+    impossible = _impossible(identification.estimate)
     if impossible:
         judged = Judged("fail", f"No robot has the identified parameters: {impossible}.")
         return SimulationValidation(recording.name, duration, None, None, None, limit, judged)
@@ -97,12 +97,12 @@ def validate_simulation(
     return SimulationValidation(recording.name, duration, errors, position, share, limit, judged)
 
 
-def _impossible(identification: Identification) -> str:
+def _impossible(estimate: Estimate) -> str:
     """Parameters that are below zero by more than chance, where nature allows no such sign, and what they are."""
-    deviations = identification.statistics.standard_deviations
+    deviations = estimate.statistics.standard_deviations
     return ", ".join(
         f"{column.name} is {value:.3g} ± {NORMAL_95 * deviation:.2g} {column.unit}, below zero"
-        for column, value, deviation in zip(identification.model.kept, identification.values, deviations, strict=True)
+        for column, value, deviation in zip(estimate.model.kept, estimate.values, deviations, strict=True)
         if value < -NORMAL_95 * deviation and not may_be_negative(column.effect, column.parameter, column.runs)
     )
 

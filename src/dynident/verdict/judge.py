@@ -112,7 +112,7 @@ def _next_steps(found: Identification, stop: Stop | None, common: Sequence[Commo
             f"The held-out error is {error / max(found.fit.relative_total, 1e-12):.1f} times that of the fit: record a "
             "designed motion."
         )
-    return [*steps, *_what_is_missing(error, was_extended=found.parent is not None)]
+    return [*steps, *_what_is_missing(error, was_extended=found.step.parent is not None)]
 
 
 def _what_is_missing(error: float, *, was_extended: bool) -> list[str]:

@@ -36,7 +36,8 @@ def ladder(
         if other is None or against is None:
             terminal.print_json(plain(Lineage(items=own)))
             return
-        data = {(one.measurement_names, one.validation_names) for top in (found, other) for one in top.ladder()}
+        known = (one.data for top in (found, other) for one in top.ladder())
+        data = {(one.measurement_names, one.validation_names) for one in known}
         terminal.print_json(plain(beside(own, rungs_of(other, against.stem, (found, model.stem)), len(data) == 1)))
         return
     if other is None or against is None:

@@ -233,8 +233,8 @@ def _parts(
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Times, segment numbers and the signals side by side, as they leave the filter."""
     observation, at_rest = identification.model.observation, identification.model.at_rest
-    entries = SampleFunction(observation, identification.reference, recording)
-    resting = SampleFunction(at_rest, identification.reference, recording)
+    entries = SampleFunction(observation, identification.estimate.reference, recording)
+    resting = SampleFunction(at_rest, identification.estimate.reference, recording)
     phases = RowPhases.of(observation, recording, identification.preprocessing)
     looked_at = phases.about(phases.frictional)
     rigid = np.array([role_of(column) == "link" for column in observation.columns])

@@ -51,7 +51,7 @@ def find_leads(
     """What the residual of the model and the recordings themselves suggest; `since`: labels of the later runs."""
     highest = identification.preprocessing.torque_cutoff or 0.25 / float(np.median(np.diff(comparisons[0].t)))
     motion = motion_lines(comparisons, highest)
-    signals, reference = identification.model.signals, identification.next_reference()
+    signals, reference = identification.model.signals, identification.estimate.next_reference()
     return Leads(
         angle_lines=angle_lines(comparisons, identification.model.robot),
         time_lines=tuple(shaking(comparisons, signals, reference, highest, motion)),

@@ -204,7 +204,7 @@ class _Beside:
     @classmethod
     def of(cls, grown: Identification, recordings: Sequence[Recording], choices: Sequence[EffectChoice]) -> _Beside:
         """Gather the products of the model's columns and of the choices'."""
-        model, reference = grown.model, grown.next_reference()
+        model, reference = grown.model, grown.estimate.next_reference()
         pool = pool_of(model, choices)
         data = gather(pool.observation, model.signals, recordings, grown.preprocessing, reference, model.n_parameters)
         return cls(grown, pool, data)

@@ -122,7 +122,7 @@ def what_may_change(identification: Identification, *, with_temperature: bool = 
         possible,
         added,
         identification.preprocessing,
-        identification.next_reference(),
+        identification.estimate.next_reference(),
     )
 
 

@@ -8,7 +8,8 @@ from dynident.errors import DynidentError
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.methods.bases import ESTIMATORS, STRATEGIES
 from dynident.identification.study.concluding import Part, conclude
-from dynident.identification.study.removing import combined_data, combined_shapes, smaller_model
+from dynident.identification.study.in_memory import NONE_IN_MEMORY
+from dynident.identification.study.removing import combined_shapes, smaller_model
 from dynident.identification.study.result import Identification
 from dynident.threads import single_threaded
 
@@ -35,20 +36,14 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
     """
     check_reduced_data(identification, choices)
     known = identification.model
-    model, part = known, None
+    model, part, data = known, None, identification.data
     if choices.effects != known.effects:
         model, weights = smaller_model(known, choices.effects, choices.tolerance)
-        part = Part(known, weights)
-    data, held_out = combined_data(identification, None if part is None else part.weights)
+        part, data = Part(known, weights), data.combined(weights)
     shaped = combined_shapes(identification, model.effects, None if part is None else part.weights)
     chosen = replace(choices, preprocessing=identification.choices.preprocessing)
-    found = conclude(model, chosen, data, held_out, part, lambda _: shaped)
-    return replace(
-        found,
-        measurement_names=identification.measurement_names,
-        validation_names=identification.validation_names,
-        rows=identification.rows if part is None else (None, None),
-    )
+    found = conclude(model, chosen, data.to_solve(identification.estimate.reference), data, part, lambda _: shaped)
+    return replace(found, in_memory=identification.in_memory if part is None else NONE_IN_MEMORY)
 
 
 def check_reduced_data(identification: Identification, choices: IdentificationChoices) -> None:

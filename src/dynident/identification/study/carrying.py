@@ -52,7 +52,7 @@ def carrying(
     without = np.where([bool(set(column.runs) & set(names)) for column in model.kept], 0.0, grown.values)
     found = []
     for label, run in _runs(validation):
-        data = torque_of(model, (run,), grown.preprocessing, grown.reference).torque
+        data = torque_of(model, (run,), grown.preprocessing, grown.estimate.reference).torque
         off, on = (stretch_squares(data, values, grown.noise) for values in (without, grown.values))
         if t_of(off - on) >= SURE:
             found.append(Carrying(label, float(np.sqrt(off.sum() / on.sum()))))

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from dynident.arrays import FloatArray
-from dynident.estimation import Linearised, Reduction, condition_number, errors, noise_levels
+from dynident.estimation import Linearised, Reduction, errors, noise_levels
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.checks import check_reduction, check_torque
 from dynident.identification.equations.data import Data
@@ -15,6 +15,8 @@ from dynident.identification.parameters.inertia import smallest_inertia_eigenval
 from dynident.identification.problem import Problem
 from dynident.identification.shapes.shape_constants import looked_at_shapes, shape_constants
 from dynident.identification.strategies.by_name import fit
+from dynident.identification.study.estimate import Estimate
+from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Identification
 from dynident.identification.study.warnings import warnings_of
 from dynident.regressors.model import Model
@@ -32,7 +34,7 @@ def conclude(
     model: Model,
     choices: IdentificationChoices,
     data: Data,
-    held_out_data: Reduction | None,
+    reduced: ReducedData,
     part_of: Part | None = None,
     shaped: Callable[[FloatArray], Reduction | None] | None = None,
 ) -> Identification:
@@ -40,6 +42,10 @@ def conclude(
 
     Parameters
     ----------
+    data : Data
+        What the model is solved from.
+    reduced : ReducedData
+        The same as it is kept, with the held-out data, and without `shaped`.
     part_of : Part, optional
         A larger model: what is compiled for that one serves.
     shaped : function, optional
@@ -58,27 +64,23 @@ def conclude(
     else:
         smallest = smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)
     certain = not choices.least_squares_of_torque
-    result = Identification(
-        model=model,
-        choices=choices,
-        preprocessing=data.preprocessing,
-        reference=data.reference,
-        equations=data.equations,
-        training=data.torque,
-        held_out_data=held_out_data,
-        solution=found.solution,
-        statistics=found.statistics if certain or looked is None else looked.of_parameters,
-        fit=errors(data.torque, values),
-        held_out=errors(held_out_data, values) if held_out_data is not None else None,
-        condition_number=condition_number(data.equations),
-        inertia_matrix_positive_definite=bool(smallest > 0),
-        worst_inertia_eigenvalue=smallest,
-        warnings=(),
-        measurement_names=(),
-        validation_names=(),
+    estimate = Estimate.of(
+        model,
+        reduced,
+        data.reference,
+        found.solution,
+        found.statistics if certain or looked is None else looked.of_parameters,
         standard=found.standard,
         shape_constants=shape_constants(model, looked),
-        shaped=with_shapes,
+    )
+    result = Identification(
+        estimate=estimate,
+        choices=choices,
+        data=replace(reduced, shaped=with_shapes),
+        fit=errors(data.torque, values),
+        held_out=None if reduced.held_out is None else errors(reduced.held_out, values),
+        worst_inertia_eigenvalue=smallest,
+        warnings=(),
     )
     return replace(result, warnings=found.warnings + warnings_of(result))
 

@@ -26,7 +26,7 @@ class ParameterDependence:
 def parameter_dependence(identification: Identification, most: int = MOST_SENTENCES) -> ParameterDependence:
     """Say which parameters the motion determines only together; at most so many sentences."""
     names = tuple(column.name for column in identification.model.kept)
-    found = dependence(identification.solution, _by_motion(identification), most)
+    found = dependence(identification.estimate.solution, _by_motion(identification), most)
     sentences = [_of_direction(one, names) for one in found.directions]
     sentences += [_of_pair(one, names) for one in found.pairs]
     return ParameterDependence(names, found.correlation, tuple(sentences[:most]), found)
@@ -35,9 +35,9 @@ def parameter_dependence(identification: Identification, most: int = MOST_SENTEN
 def _by_motion(identification: Identification) -> Statistics:
     """How the motion makes estimates depend on one another; from few stretches of time that is known but roughly."""
     told = identification.statistics
-    if identification.choices.covariance != "by_time_and_joints" or identification.not_essential:
+    if identification.choices.covariance != "by_time_and_joints" or identification.estimate.not_essential:
         return told
-    return statistics(identification.equations, identification.solution, "by_joint")
+    return statistics(identification.data.equations, identification.estimate.solution, "by_joint")
 
 
 def _of_pair(pair: CloseTogether, names: tuple[str, ...]) -> str:

@@ -25,6 +25,7 @@ from dynident.estimation.essential import Stop
 from dynident.identification.essential_choices import EssentialChoices
 from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
 from dynident.identification.shapes.shape_constants import looked_at_shapes
+from dynident.identification.study.estimate import Estimate
 from dynident.identification.study.result import Identification
 from dynident.threads import single_threaded
 
@@ -99,20 +100,20 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
     """
     if not (np.isfinite(ratio) and ratio > 1):
         raise DynidentError(f"ratio is {ratio}; give a number above 1, usually 10", pointer="/ratio")
-    equations, names = identification.equations, [column.name for column in identification.model.kept]
-    full = solve(equations, identification.solution.noise, identification.solution.known)
+    equations, names = identification.data.equations, [column.name for column in identification.model.kept]
+    full = solve(equations, identification.estimate.solution.noise, identification.estimate.solution.known)
     # The test is about many parameters at a time: a covariance from stretches of time alone has not the rank for it.
     path = eliminate(equations, full, statistics(equations, full, "by_joint"), ratio)
-    held_out = identification.held_out_data
+    held_out = identification.data.held_out
     steps = tuple(
         EssentialStep(
             names[step.removed],
             step.relative_deviation,
             step.ratio,
             step.p_value,
-            errors(identification.training, step.values),
+            errors(identification.data.training, step.values),
             None if held_out is None else errors(held_out, step.values),
-            moving_errors(identification.training, step.values),
+            moving_errors(identification.data.training, step.values),
             None if held_out is None else moving_errors(held_out, step.values),
         )
         for step in path.eliminations
@@ -133,24 +134,29 @@ def _with_only(identification: Identification, full: Solution, removed: tuple[in
         return identification
     c = identification.model.n_parameters
     kept = np.array([k for k in range(c) if k not in removed], dtype=np.intp)
-    solution, found = _of_kept(identification.equations, full, kept, identification.choices.covariance)
+    solution, found = _of_kept(identification.data.equations, full, kept, identification.choices.covariance)
     found = _with_shapes_uncertain(identification, solution, kept) or found
     values, covariance, freedom = np.zeros(c), np.zeros((c, c)), np.full(c, np.inf)
     freedom[kept] = found.freedom
     values[kept] = solution.values
     covariance[np.ix_(kept, kept)] = found.covariance
+    estimate = Estimate.of(
+        identification.model,
+        identification.data,
+        identification.estimate.reference,
+        replace(full, values=values),
+        Statistics(covariance, found.effective_rows, found.noise, freedom),
+        not_essential=removed,
+        shape_constants=identification.shape_constants,
+    )
     smallest = smallest_inertia_eigenvalue(identification.model, values)
-    held_out = identification.held_out_data
+    held_out = identification.data.held_out
     return replace(
         identification,
-        solution=replace(full, values=values),
-        statistics=Statistics(covariance, found.effective_rows, found.noise, freedom),
-        fit=errors(identification.training, values),
+        estimate=estimate,
+        fit=errors(identification.data.training, values),
         held_out=None if held_out is None else errors(held_out, values),
-        inertia_matrix_positive_definite=bool(smallest > 0),
         worst_inertia_eigenvalue=smallest,
-        not_essential=removed,
-        standard=None,
     )
 
 
@@ -158,7 +164,7 @@ def _with_shapes_uncertain(
     identification: Identification, solution: Solution, kept: NDArray[np.intp]
 ) -> Statistics | None:
     """How sure the parameters that are kept are with the shape constants uncertain; None where these are not."""
-    shaped, choices = identification.shaped, identification.choices
+    shaped, choices = identification.data.shaped, identification.choices
     if shaped is None or not choices.least_squares_of_torque:
         return None
     constants = np.arange(identification.model.n_parameters, shaped.n_columns)

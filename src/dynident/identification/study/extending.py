@@ -13,7 +13,7 @@ from dynident.identification.shapes.shapes import check_shapes_given, complete_s
 from dynident.identification.study.carrying import carrying, is_open, note_of
 from dynident.identification.study.fitting import identify_model
 from dynident.identification.study.gain import warnings_of_addition
-from dynident.identification.study.result import Identification
+from dynident.identification.study.result import Identification, LadderStep
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
 from dynident.regressors.extension import extended_model
@@ -96,9 +96,9 @@ def _with_one_more(
         (added,),
         motions_and_friction(recordings)[0],
         identification.preprocessing,
-        identification.next_reference(),
+        identification.estimate.next_reference(),
         part(progress, 0.0, 0.5),
-        identification.rows[0],
+        identification.in_memory.training,
     )
     looked_for = any(is_open(choice, validation) for choice in new)
     told = part(progress, 0.5, 0.75 if looked_for else 1.0)
@@ -125,9 +125,9 @@ def _identified_with(
     model = extended_model(identification.model, new, tolerance=choices.tolerance)
     if model.n_parameters == identification.model.n_parameters:
         return None
-    reference = identification.reference
+    reference = identification.estimate.reference
     if model.needs_load:
-        reference = identification.next_reference()
+        reference = identification.estimate.next_reference()
     # The plain model's parameters made up for what was missing; columns of the predicted torque, and of the load that
     # others change, are better about the new ones.
     again = any(effect_by_id(choice.effect).first_order for choice in new) or (len(new) > 1 and model.needs_load)
@@ -141,8 +141,8 @@ def _identified_with(
             identification.preprocessing,
             reference,
             part(progress, number / passes, (number + 1) / passes),
-            identification.rows,
+            identification.in_memory,
         )
-        reference = grown.next_reference()
-    grown = replace(grown, parent=identification, added=new)
+        reference = grown.estimate.next_reference()
+    grown = replace(grown, step=LadderStep(identification, added=new))
     return replace(grown, warnings=warnings_of_addition(grown) + grown.warnings)

@@ -11,11 +11,13 @@ from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.data import reduced, torque_of
 from dynident.identification.shapes.shape_columns import shape_columns, shape_places
 from dynident.identification.study.concluding import conclude
+from dynident.identification.study.in_memory import NONE_IN_MEMORY, RowsInMemory
+from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Identification
 from dynident.progress import Progress, part
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
-from dynident.regressors.rows import KeptRows, reduce_with_more
+from dynident.regressors.rows import reduce_with_more
 
 
 def identify_model(
@@ -26,7 +28,7 @@ def identify_model(
     preprocessing: Preprocessing,
     reference: FloatArray,
     progress: Progress,
-    known: tuple[KeptRows | None, KeptRows | None] = (None, None),
+    known: RowsInMemory = NONE_IN_MEMORY,
 ) -> Identification:
     """Identify the parameters of a model that is built already, with everything decided.
 
@@ -34,16 +36,16 @@ def identify_model(
     ----------
     reference : (10 n,)
         Standard inertial parameters for load predictions; any where no effect needs the load.
-    known : rows of the recordings and of the validation data, optional
-        Of a model that this one extends.
+    known : RowsInMemory, optional
+        Of a model that this one extends, for the same recordings and validation data.
     """
     share = 0.9 * len(recordings) / (len(recordings) + len(validation))
     training = reduced(
-        model, choices.rows_asked, recordings, preprocessing, reference, part(progress, 0.0, share), known[0]
+        model, choices.rows_asked, recordings, preprocessing, reference, part(progress, 0.0, share), known.training
     )
     held_out = None
     if validation:
-        held_out = torque_of(model, validation, preprocessing, reference, part(progress, share, 0.9), known[1])
+        held_out = torque_of(model, validation, preprocessing, reference, part(progress, share, 0.9), known.held_out)
     progress(0.9, "solving")
     told = part(progress, 0.9, 1.0)
 
@@ -55,7 +57,14 @@ def identify_model(
         ordinary = training.recordings
         return reduce_with_more(model, columns, ordinary, preprocessing, reference, told, training.rows)
 
-    found = conclude(model, choices, training, None if held_out is None else held_out.torque, shaped=shaped)
-    names = tuple(recording.name for recording in recordings), tuple(recording.name for recording in validation)
-    rows = training.rows, None if held_out is None else held_out.rows
-    return replace(found, measurement_names=names[0], validation_names=names[1], rows=rows)
+    data = ReducedData(
+        training.equations,
+        training.torque,
+        None if held_out is None else held_out.torque,
+        None,
+        preprocessing,
+        tuple(recording.name for recording in recordings),
+        tuple(recording.name for recording in validation),
+    )
+    found = conclude(model, choices, training, data, shaped=shaped)
+    return replace(found, in_memory=RowsInMemory(training.rows, None if held_out is None else held_out.rows))

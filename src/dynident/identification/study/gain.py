@@ -27,12 +27,12 @@ def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
     Parameters
     ----------
     grown : Identification
-        With the model it was added to as its parent.
+        With the step from the model that was added to.
     """
-    parent = grown.parent
+    parent = grown.step.parent
     if parent is None or grown.held_out is None or parent.held_out is None:
         return ()
-    what = " and ".join(dict.fromkeys(effect_by_id(choice.effect).title for choice in grown.added))
+    what = " and ".join(dict.fromkeys(effect_by_id(choice.effect).title for choice in grown.step.added))
     before, after = parent.held_out.relative_total, grown.held_out.relative_total
     found = []
     t = _t_of_gain(parent, grown)
@@ -99,7 +99,8 @@ def t_of(gains: FloatArray) -> float:
 
 def _stretch_errors(model: Identification, noise: FloatArray) -> FloatArray:
     """(s,): squared held-out error of every stretch, each joint in units of its noise (n,)."""
-    return np.zeros(0) if model.held_out_data is None else stretch_squares(model.held_out_data, model.values, noise)
+    held_out = model.data.held_out
+    return np.zeros(0) if held_out is None else stretch_squares(held_out, model.values, noise)
 
 
 def stretch_squares(data: Reduction, values: FloatArray, noise: FloatArray) -> FloatArray:

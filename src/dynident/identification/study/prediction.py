@@ -12,7 +12,7 @@ from dynident.arrays import FloatArray
 from dynident.effects import effect_by_id
 from dynident.effects.memory import MemoryStates
 from dynident.errors import DynidentError
-from dynident.identification.study.result import Identification
+from dynident.identification.study.estimate import Estimate
 from dynident.regressors.observation import Observation
 
 
@@ -33,7 +33,7 @@ class PredictedTorque:
 
 
 def predict(
-    identification: Identification, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, level: float = 0.95
+    estimate: Estimate, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, level: float = 0.95
 ) -> PredictedTorque:
     """Predict torque along a motion q, dq, ddq (m, n each; rad or m), in its order: hysteresis remembers the path.
 
@@ -42,21 +42,21 @@ def predict(
     DynidentError
         For arrays that do not fit, a level outside (0, 1), or effects that depend on more than the motion.
     """
-    observation = identification.model.observation
-    _check(identification, (q, dq, ddq), level)
+    observation = estimate.model.observation
+    _check(estimate, (q, dq, ddq), level)
     entries = observation.evaluate(
         q,
         dq,
         ddq,
-        reference=identification.reference,
+        reference=estimate.reference,
         memory=MemoryStates(observation.memory).push(observation.robot.positions(q)),
     )
-    torque = observation.torque(entries, identification.values)
-    deviation = prediction_deviation(observation, entries, identification.statistics.covariance)
-    found = identification.statistics
+    torque = observation.torque(entries, estimate.values)
+    deviation = prediction_deviation(observation, entries, estimate.statistics.covariance)
+    found = estimate.statistics
     quantile, of_noise = stdtrit([found.usual_freedom, found.effective_rows.sum()], 0.5 + 0.5 * level)
     mean = quantile * deviation
-    return PredictedTorque(torque, mean, np.hypot(mean, of_noise * identification.noise), level)
+    return PredictedTorque(torque, mean, np.hypot(mean, of_noise * estimate.noise), level)
 
 
 def prediction_deviation(observation: Observation, entries: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -73,8 +73,8 @@ def prediction_deviation(observation: Observation, entries: FloatArray, covarian
     return deviation
 
 
-def _check(identification: Identification, motion: tuple[FloatArray, FloatArray, FloatArray], level: float) -> None:
-    n = identification.model.robot.n
+def _check(estimate: Estimate, motion: tuple[FloatArray, FloatArray, FloatArray], level: float) -> None:
+    n = estimate.model.robot.n
     for name, values in zip(("q", "dq", "ddq"), motion, strict=True):
         if values.ndim != 2 or values.shape != (len(motion[0]), n):
             raise DynidentError(
@@ -84,15 +84,15 @@ def _check(identification: Identification, motion: tuple[FloatArray, FloatArray,
             raise DynidentError(f"{name} holds a value that is not finite", pointer=f"/{name}")
     if not 0 < level < 1:
         raise DynidentError(f"level is {level}; give a probability between 0 and 1, usually 0.95", pointer="/level")
-    signals = identification.model.signals
-    for column in identification.model.kept:
+    signals = estimate.model.signals
+    for column in estimate.model.kept:
         if ca.depends_on(column.torque, ca.vertcat(signals.dddq, signals.ddddq, signals.period)):
             raise DynidentError(
                 f"{column.effect} depends on derivatives of the acceleration or on the sampling period; compare the "
                 "model with a recording instead, or export it (JSON, C code, CasADi), which takes these as arguments",
                 pointer="/effects",
             )
-    for choice in identification.choices.effects:
+    for choice in estimate.model.effects:
         effect = effect_by_id(choice.effect)
         if effect.needs_temperature or effect.needs_session or choice.runs or effect.in_some_runs:
             raise DynidentError(

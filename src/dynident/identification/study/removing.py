@@ -13,10 +13,9 @@ from dynident.effects.catalogue import joints_of
 from dynident.effects.written import constant_in_words
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
-from dynident.identification.equations.data import Data
 from dynident.identification.shapes.shape_columns import shape_places
 from dynident.identification.study.concluding import Part, conclude
-from dynident.identification.study.result import Identification
+from dynident.identification.study.result import Identification, LadderStep
 from dynident.regressors.base_parameters import base_parameters_among
 from dynident.regressors.model import Model, build_model, check_columns
 from dynident.robot import Robot
@@ -47,16 +46,11 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     kept = effects_without(identification.choices.effects, removed, known.robot)
     choices = replace(identification.choices, effects=kept)
     model, weights = smaller_model(known, kept, choices.tolerance)
-    data, held_out = combined_data(identification, weights)
+    data = identification.data.combined(weights)
     shaped = combined_shapes(identification, kept, weights)
-    smaller = conclude(model, choices, data, held_out, Part(known, weights), lambda _: shaped)
-    return replace(
-        smaller,
-        measurement_names=identification.measurement_names,
-        validation_names=identification.validation_names,
-        parent=identification,
-        removed=tuple(removed),
-    )
+    to_solve = data.to_solve(identification.estimate.reference)
+    smaller = conclude(model, choices, to_solve, data, Part(known, weights), lambda _: shaped)
+    return replace(smaller, step=LadderStep(identification, removed=tuple(removed)))
 
 
 def effects_without(
@@ -127,23 +121,6 @@ def smaller_model(
     return model, _combinations(known, model)
 
 
-def combined_data(identification: Identification, weights: FloatArray | None = None) -> tuple[Data, Reduction | None]:
-    """The reduced data of an identification, and its held-out data, in columns that are combinations of its own.
-
-    `weights` (b, b') from its columns to the new ones; None for these themselves.
-    """
-
-    def combined(reduction: Reduction) -> Reduction:
-        return reduction if weights is None else reduction.combined(weights)
-
-    torque = combined(identification.training)
-    same = identification.equations is identification.training
-    equations = torque if same else combined(identification.equations)
-    data = Data(equations, torque, (), identification.preprocessing, identification.reference)
-    held_out = identification.held_out_data
-    return data, None if held_out is None else combined(held_out)
-
-
 def combined_shapes(
     identification: Identification, effects: Sequence[EffectChoice], weights: FloatArray | None = None
 ) -> Reduction | None:
@@ -154,7 +131,8 @@ def combined_shapes(
     before, after = shape_places(identification.model.effects), shape_places(effects)
     where = {(identification.model.effects[p.choice], p.spec.name): k for k, p in enumerate(before)}
     wanted = [(effects[p.choice], p.spec.name) for p in after]
-    if identification.shaped is None or not wanted or any(one not in where for one in wanted):
+    shaped = identification.data.shaped
+    if shaped is None or not wanted or any(one not in where for one in wanted):
         return None
     b = identification.model.n_parameters
     own = np.eye(b) if weights is None else weights
@@ -162,7 +140,7 @@ def combined_shapes(
     whole[:b, : own.shape[1]] = own
     for k, one in enumerate(wanted):
         whole[b + where[one], own.shape[1] + k] = 1.0
-    return identification.shaped.combined(whole)
+    return shaped.combined(whole)
 
 
 def _combinations(known: Model, smaller: Model) -> FloatArray:

@@ -29,7 +29,9 @@ from dynident.identification.choices import USUAL_SHARE, IdentificationChoices
 from dynident.identification.methods.bases import ESTIMATORS
 from dynident.identification.parameters.standard import StandardParameters
 from dynident.identification.shapes.shape_constants import ShapeConstant, shape_constants
-from dynident.identification.study.result import Identification
+from dynident.identification.study.estimate import Estimate
+from dynident.identification.study.reduced_data import ReducedData
+from dynident.identification.study.result import Identification, LadderStep
 from dynident.kinds import document_of
 from dynident.recordings import Preprocessing
 from dynident.regressors.base_parameters import BaseParameters
@@ -59,54 +61,54 @@ def to_bytes(identification: Identification) -> bytes:
 
 def _arrays(identification: Identification) -> dict[str, Any]:
     """One model without its ancestors."""
-    base = identification.model.base
+    estimate, data, base = identification.estimate, identification.data, identification.model.base
     arrays: dict[str, Any] = {
-        "reference": identification.reference,
-        "values": identification.solution.values,
-        "solution_noise": identification.solution.noise,
-        "solution_factor": identification.solution.factor,
-        "covariance": identification.statistics.covariance,
-        "effective_rows": identification.statistics.effective_rows,
-        "noise": identification.statistics.noise,
-        "freedom": identification.statistics.freedom,
+        "reference": estimate.reference,
+        "values": estimate.solution.values,
+        "solution_noise": estimate.solution.noise,
+        "solution_factor": estimate.solution.factor,
+        "covariance": estimate.statistics.covariance,
+        "effective_rows": estimate.statistics.effective_rows,
+        "noise": estimate.statistics.noise,
+        "freedom": estimate.statistics.freedom,
         "base_kept": np.array(base.kept, dtype=np.int64),
         "base_grouping": base.grouping,
         "base_written": base.written,
         "base_without_effect": np.array(base.without_effect, dtype=np.int64),
     }
-    if identification.solution.known is not None:
-        arrays["known_rows"] = identification.solution.known.rows
-    if identification.solution.free is not None:
-        arrays["free"] = identification.solution.free
-    if identification.standard is not None:
-        arrays["standard_values"] = identification.standard.values
-        arrays["standard_deviations"] = identification.standard.standard_deviations
+    if estimate.solution.known is not None:
+        arrays["known_rows"] = estimate.solution.known.rows
+    if estimate.solution.free is not None:
+        arrays["free"] = estimate.solution.free
+    if estimate.standard is not None:
+        arrays["standard_values"] = estimate.standard.values
+        arrays["standard_deviations"] = estimate.standard.standard_deviations
     _put_errors(arrays, "fit", identification.fit)
-    _put_reduction(arrays, "training", identification.training)
-    if identification.equations is not identification.training:
-        _put_reduction(arrays, "equations", identification.equations)
-    if identification.shaped is not None:
-        _put_reduction(arrays, "shaped", identification.shaped)
-    if identification.held_out is not None and identification.held_out_data is not None:
+    _put_reduction(arrays, "training", data.training)
+    if not data.fitted_to_torque:
+        _put_reduction(arrays, "equations", data.equations)
+    if data.shaped is not None:
+        _put_reduction(arrays, "shaped", data.shaped)
+    if identification.held_out is not None and data.held_out is not None:
         _put_errors(arrays, "held_out", identification.held_out)
-        _put_reduction(arrays, "held_out_data", identification.held_out_data)
+        _put_reduction(arrays, "held_out_data", data.held_out)
     arrays["header"] = _text(
         {
             "robot": robot_document(identification.model.robot),
             "choices": _choices_document(identification.choices),
-            "preprocessing": asdict(identification.preprocessing),
+            "preprocessing": asdict(data.preprocessing),
             "base_names": base.names,
             "base_rank": base.rank,
             "condition_number": identification.condition_number,
             "worst_inertia_eigenvalue": identification.worst_inertia_eigenvalue,
             "warnings": identification.warnings,
-            "measurement_names": identification.measurement_names,
-            "validation_names": identification.validation_names,
-            "added": [asdict(choice) for choice in identification.added],
-            "removed": [asdict(choice) for choice in identification.removed],
-            "not_essential": identification.not_essential,
-            "converged": identification.converged,
-            "shape_constants": [asdict(one) for one in identification.shape_constants],
+            "measurement_names": data.measurement_names,
+            "validation_names": data.validation_names,
+            "added": [asdict(choice) for choice in identification.step.added],
+            "removed": [asdict(choice) for choice in identification.step.removed],
+            "not_essential": estimate.not_essential,
+            "converged": estimate.solution.converged,
+            "shape_constants": [asdict(one) for one in estimate.shape_constants],
         }
     )
     return arrays
@@ -165,35 +167,47 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
     model = build_model(robot, choices.effects, tolerance=choices.tolerance, signals=signals, base=base)
     if tuple(column.name for column in model.columns) != base.names:
         raise ValueError("the catalogue has other columns for these effects")
-    held_out = "held_out_squares" in arrays
-    training = _reduction(arrays, "training")
-    smallest = float(header["worst_inertia_eigenvalue"])
+    data = _data(arrays, header)
+    estimate = Estimate.of(
+        model,
+        data,
+        arrays["reference"],
+        _solution(arrays, bool(header.get("converged", True))),
+        _statistics(arrays),
+        standard=_standard(arrays),
+        not_essential=tuple(header.get("not_essential", ())),
+        shape_constants=_shape_constants(header, model),
+    )
     return Identification(
-        model=model,
+        estimate=estimate,
         choices=choices,
-        preprocessing=_preprocessing(header["preprocessing"]),
-        reference=arrays["reference"],
-        equations=_reduction(arrays, "equations") if "equations_size" in arrays else training,
-        training=training,
-        held_out_data=_reduction(arrays, "held_out_data") if held_out else None,
-        solution=_solution(arrays, bool(header.get("converged", True))),
-        statistics=_statistics(arrays),
+        data=data,
         fit=_errors(arrays, "fit"),
-        held_out=_errors(arrays, "held_out") if held_out else None,
-        condition_number=float(header["condition_number"]),
-        inertia_matrix_positive_definite=smallest > 0,
-        worst_inertia_eigenvalue=smallest,
+        held_out=_errors(arrays, "held_out") if "held_out_squares" in arrays else None,
+        worst_inertia_eigenvalue=float(header["worst_inertia_eigenvalue"]),
         warnings=tuple(header["warnings"]),
+        step=_step(header, parent),
+    )
+
+
+def _data(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> ReducedData:
+    others = ("equations", "held_out_data", "shaped")
+    equations, held_out, shaped = (_reduction(arrays, name) if f"{name}_size" in arrays else None for name in others)
+    training = _reduction(arrays, "training")
+    return ReducedData(
+        equations=training if equations is None else equations,
+        training=training,
+        held_out=held_out,
+        shaped=shaped,
+        preprocessing=_preprocessing(header["preprocessing"]),
         measurement_names=tuple(header["measurement_names"]),
         validation_names=tuple(header["validation_names"]),
-        parent=parent,
-        added=tuple(_effect(item) for item in header["added"]),
-        removed=tuple(_effect(item) for item in header["removed"]),
-        not_essential=tuple(header.get("not_essential", ())),
-        standard=_standard(arrays),
-        shape_constants=_shape_constants(header, model),
-        shaped=_reduction(arrays, "shaped") if "shaped_size" in arrays else None,
     )
+
+
+def _step(header: Mapping[str, Any], parent: Identification | None) -> LadderStep:
+    added, removed = (tuple(_effect(item) for item in header[name]) for name in ("added", "removed"))
+    return LadderStep(parent, added, removed)
 
 
 def _solution(arrays: Mapping[str, Any], converged: bool) -> Solution:

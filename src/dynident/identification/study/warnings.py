@@ -16,6 +16,7 @@ from dynident.identification.thresholds import (
 )
 
 if TYPE_CHECKING:
+    from dynident.identification.study.estimate import Estimate
     from dynident.identification.study.result import Identification
 
 _MISFIT = 0.2
@@ -87,7 +88,7 @@ def _other_equations(identification: Identification) -> list[str]:
 
 def _excitation(identification: Identification) -> list[str]:
     found = []
-    condition = equilibrated_condition_number(identification.equations, identification.solution.noise)
+    condition = equilibrated_condition_number(identification.data.equations, identification.estimate.solution.noise)
     if condition > LARGEST_CONDITION_NUMBER:
         help_is = "Record an exciting trajectory (a design)"
         help_is += "." if identification.choices.prior else ' or use a prior (prior: "description").'
@@ -100,12 +101,12 @@ def _excitation(identification: Identification) -> list[str]:
             f"There are {identification.equations_per_parameter:.0f} equations per parameter after decimation; "
             f"{EQUATIONS_PER_PARAMETER:.0f} are recommended (§12.7). A longer recording helps."
         )
-    return found + _doubtful(identification)
+    return found + _doubtful(identification.estimate)
 
 
-def _doubtful(identification: Identification) -> list[str]:
+def _doubtful(estimate: Estimate) -> list[str]:
     """Parameters that the data do not determine; those that may as well be zero do no harm by it."""
-    parameters = identification.parameters
+    parameters = estimate.parameters
     unsure = [p.name for p in parameters if p.judgement == "uncertain"]
     zero = sum(p.judgement == "zero_in_interval" for p in parameters)
     if not unsure:

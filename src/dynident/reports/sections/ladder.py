@@ -82,10 +82,8 @@ def ladder_section(identification: Identification, diagnosis: Diagnosis | None) 
 def _rung(index: int, model: Identification, mark: str) -> Rung:
     held_out = model.held_out.relative_total if model.held_out is not None else None
     robot = model.model.robot
-    changes: tuple[str, ...] = ()
-    if model.parent is not None:
-        changes = tuple(_words(choice, robot) for choice in model.added)
-        changes += tuple(f"without {_words(choice, robot)}" for choice in model.removed)
+    changes = tuple(_words(choice, robot) for choice in model.step.added)
+    changes += tuple(f"without {_words(choice, robot)}" for choice in model.step.removed)
     return Rung(
         index + 1,
         changes,

@@ -43,7 +43,7 @@ def model_section(identification: Identification) -> Section:
     robot = identification.model.robot
     choices = identification.choices
     strategy = choices.strategy if choices.strategy != "sequential" else f"sequential, {choices.steps}"
-    added = {choice for rung in identification.ladder() for choice in rung.added}
+    added = {choice for rung in identification.ladder() for choice in rung.step.added}
     content = ModelContent(
         tuple(_effect(choice, robot, choice in added) for choice in choices.effects),
         (

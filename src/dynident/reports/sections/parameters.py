@@ -149,7 +149,7 @@ def _shape_row(one: ShapeConstant, robot: Robot) -> ShapeRow:
 
 
 def _effective(identification: Identification) -> Iterator[EffectiveRows]:
-    equations = identification.equations.equations
+    equations = identification.data.equations.equations
     names = identification.model.robot.joint_names
     if len(equations) != len(names):
         names = tuple(f"{identification.choices.model} equation {k + 1}" for k in range(len(equations)))

@@ -1,0 +1,148 @@
+"""What was estimated: the parameters of a model and how sure they are. It predicts torque without any data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.arrays import FloatArray
+from dynident.effects import role_of
+from dynident.effects.written import constant_in_words
+from dynident.estimation import Solution, Statistics, noise_levels
+from dynident.estimation.deviations import owed_to_known
+from dynident.identification.parameters.judgement import ParameterJudgement, judged
+from dynident.identification.parameters.standard import StandardParameters
+from dynident.identification.shapes.shape_constants import ShapeConstant
+from dynident.identification.study.reduced_data import ReducedData
+from dynident.regressors.model import Model
+
+_EXACT = 1e-12
+"""Relative standard deviation that is none."""
+
+
+@dataclass(frozen=True)
+class IdentifiedParameter:
+    """One base parameter; `relative_standard_deviation` is a fraction, `grouping` its standard parameters.
+
+    `interval`: where the true value lies with a probability of 95 %; the deviation that it rests on counts correlated
+    samples for what they are worth, in blocks of time. `essential` False: set to zero as not essential. `judgement`:
+    whether the data determine it, leave it uncertain (or known from elsewhere rather), or do not tell it from zero;
+    `times_smallest`: its relative standard deviation over the smallest one of all, which §12.7 wants below ten.
+    """
+
+    name: str
+    value: float
+    unit: str
+    standard_deviation: float
+    relative_standard_deviation: float
+    judgement: ParameterJudgement
+    times_smallest: float
+    effect: str
+    link: str
+    grouping: str
+    shape: tuple[tuple[str, float], ...] = ()
+    interval: tuple[float, float] = (-inf, inf)
+    essential: bool = True
+
+    def __repr__(self) -> str:
+        constants = "".join(f", {constant_in_words(self.effect, name, value)}" for name, value in self.shape)
+        unit = "" if self.unit == "-" else f" {self.unit}"
+        return (
+            f"IdentifiedParameter({self.name} = {self.value:.4g}{unit}, standard deviation "
+            f"{self.standard_deviation:.2g}{unit}; {self.effect} on {self.link or 'the robot'}{constants}; "
+            f"{self.judgement if self.essential else 'not essential'})"
+        )
+
+    @property
+    def well_identified(self) -> bool:
+        """Whether the data determine it."""
+        return self.judgement == "determined"
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Estimates of a model's base parameters, and how sure they are.
+
+    `reference` (10 n,): the standard inertial parameters that the loads in the model's columns are predicted with;
+    `noise` (n,): standard deviation of every joint's residual, N m or N; `owed_to_known` (b,): which parameters are
+    known for what was known beside the data rather than for the data; `standard`: the standard parameters, where the
+    estimator solved for these; `not_essential`: numbers of the parameters that were set to zero as such;
+    `shape_constants` of the effects, with what the joints' torques say of them.
+    """
+
+    model: Model
+    reference: FloatArray
+    solution: Solution
+    statistics: Statistics
+    noise: FloatArray
+    owed_to_known: NDArray[np.bool_]
+    standard: StandardParameters | None = None
+    not_essential: tuple[int, ...] = ()
+    shape_constants: tuple[ShapeConstant, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        data: ReducedData,
+        reference: FloatArray,
+        solution: Solution,
+        statistics: Statistics,
+        *,
+        standard: StandardParameters | None = None,
+        not_essential: tuple[int, ...] = (),
+        shape_constants: tuple[ShapeConstant, ...] = (),
+    ) -> Estimate:
+        """A solution with what its data say of it beside the statistics."""
+        noise = statistics.noise if data.fitted_to_torque else noise_levels(data.training, solution.values)
+        owed = owed_to_known(data.equations, solution)
+        return cls(model, reference, solution, statistics, noise, owed, standard, not_essential, shape_constants)
+
+    def __repr__(self) -> str:
+        return f"Estimate({self.model.robot.name}: {self.model.n_parameters} base parameters)"
+
+    @property
+    def values(self) -> FloatArray:
+        """Base parameters χ (b,)."""
+        return self.solution.values
+
+    @property
+    def parameters(self) -> tuple[IdentifiedParameter, ...]:
+        """The base parameters in the order of the model."""
+        relative = self.statistics.relative_standard_deviations(self.values)
+        smallest = max(float(np.min(relative, initial=inf)), _EXACT)
+        deviations = self.statistics.standard_deviations
+        half = self.statistics.half_widths()
+        return tuple(
+            IdentifiedParameter(
+                name=column.name,
+                value=float(self.values[k]),
+                unit=column.unit,
+                standard_deviation=float(deviations[k]),
+                relative_standard_deviation=float(relative[k]),
+                judgement=judged(
+                    float(self.values[k]), float(deviations[k]), float(half[k]), bool(self.owed_to_known[k])
+                ),
+                times_smallest=float(relative[k] / smallest),
+                effect=column.effect,
+                link=column.link,
+                grouping=self.model.base.groupings[k],
+                shape=column.shape,
+                interval=(float(self.values[k] - half[k]), float(self.values[k] + half[k])),
+                essential=k not in self.not_essential,
+            )
+            for k, column in enumerate(self.model.kept)
+        )
+
+    def standard_inertia(self) -> FloatArray:
+        """Standard inertial parameters (10 n,) that give the same torque; feasible ones where they were solved for."""
+        if self.standard is not None and any(role_of(column) == "link" for column in self.model.columns):
+            return self.standard.inertias(self.model).reshape(-1)
+        return self.model.standard_inertia(self.values)
+
+    def next_reference(self) -> FloatArray:
+        """What later models' loads and motor torques are predicted with (14 n,), from these parameters."""
+        return self.model.reference(self.values)

@@ -1,0 +1,62 @@
+"""What the recordings of an identification became: all that is needed to go on from it without reading them again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from dynident.arrays import FloatArray
+from dynident.estimation import Reduction
+from dynident.identification.equations.data import Data
+from dynident.recordings import Preprocessing, Recording
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedData:
+    """Filtered recordings as factors of W in the columns of an identified model.
+
+    `equations` are the rows that the chosen model makes of those that it was identified from; `training` and `held_out`
+    the joints' torques in these and in the validation data, one equation a joint, whatever the model (for the dynamic
+    model `training` is `equations`); `shaped` the torques of `training` in the model's columns and, behind them, those
+    of `shape_columns`, None where no effect has constants or these cannot be looked at. `preprocessing`: how the
+    recordings were filtered; `measurement_names` and `validation_names`: what they are called.
+    """
+
+    equations: Reduction
+    training: Reduction
+    held_out: Reduction | None
+    shaped: Reduction | None
+    preprocessing: Preprocessing
+    measurement_names: tuple[str, ...] = ()
+    validation_names: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        held_out = ", ".join(self.validation_names) or "nothing"
+        return f"ReducedData({', '.join(self.measurement_names)}; held out {held_out}; {self.training})"
+
+    @property
+    def fitted_to_torque(self) -> bool:
+        """Whether the equations are those of the joints' torques, as those of the dynamic model are."""
+        return self.equations is self.training
+
+    def combined(self, weights: FloatArray) -> ReducedData:
+        """The same data in columns that are these times `weights` (b, b'), without `shaped`: its columns are others."""
+        training = self.training.combined(weights)
+        return replace(
+            self,
+            equations=training if self.fitted_to_torque else self.equations.combined(weights),
+            training=training,
+            held_out=None if self.held_out is None else self.held_out.combined(weights),
+            shaped=None,
+        )
+
+    def to_solve(self, reference: FloatArray, recordings: tuple[Recording, ...] = ()) -> Data:
+        """What a model is solved from.
+
+        Parameters
+        ----------
+        reference : (10 n,)
+            Standard inertial parameters that the loads in the columns were predicted with.
+        recordings : tuple of Recording, optional
+            For estimators that go through the samples again.
+        """
+        return Data(self.equations, self.training, recordings, self.preprocessing, reference)
