@@ -108,7 +108,7 @@ class Kinds(Generic[KindT]):
             )
         return self.by_name[asked]()
 
-    def of(self, document: Mapping[str, Any] | str) -> KindT:
+    def of(self, document: Mapping[str, object] | str) -> KindT:
         """The kind that a name says, or an object with `name` and options; `DynidentError` where it does not fit."""
         if isinstance(document, str):
             return self.one(document)
@@ -158,7 +158,7 @@ def words_of(asked: Kind | str) -> str:
     return asked if isinstance(asked, str) else asked.in_words
 
 
-def document_of(asked: Kind | str) -> str | dict[str, Any]:
+def document_of(asked: Kind | str) -> str | dict[str, object]:
     """What was asked for as it is written in JSON: its name, or an object with its options."""
     if isinstance(asked, str):
         return asked

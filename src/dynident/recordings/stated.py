@@ -131,16 +131,16 @@ class Revision:
     `RecordingMetadata`. `windows` and `exclude` may be empty: all of it, nothing.
     """
 
-    windows: Windows | None = anew(RecordingMetadata, "windows")
-    exclude: Windows | None = anew(RecordingMetadata, "exclude")
-    columns: Mapping[str, str] = anew(RecordingMetadata, "columns")
-    units: Mapping[str, str] = anew(RecordingMetadata, "units")
-    permutation: Mapping[Axis, tuple[int, ...]] = anew(RecordingMetadata, "permutation")
-    signs: Mapping[str, float] = anew(RecordingMetadata, "signs")
-    scale: Mapping[str, float] = anew(RecordingMetadata, "scale")
-    torque_delay: float | None = anew(RecordingMetadata, DELAY)
-    role: Role | None = anew(RecordingMetadata, "role")
-    name: str | None = anew(RecordingMetadata, "name")
+    windows: Windows | None = anew(RecordingMetadata, "windows", default=None)
+    exclude: Windows | None = anew(RecordingMetadata, "exclude", default=None)
+    columns: Mapping[str, str] = anew(RecordingMetadata, "columns", made_by=dict)
+    units: Mapping[str, str] = anew(RecordingMetadata, "units", made_by=dict)
+    permutation: Mapping[Axis, tuple[int, ...]] = anew(RecordingMetadata, "permutation", made_by=dict)
+    signs: Mapping[str, float] = anew(RecordingMetadata, "signs", made_by=dict)
+    scale: Mapping[str, float] = anew(RecordingMetadata, "scale", made_by=dict)
+    torque_delay: float | None = anew(RecordingMetadata, DELAY, default=None)
+    role: Role | None = anew(RecordingMetadata, "role", default=None)
+    name: str | None = anew(RecordingMetadata, "name", default=None)
 
     def of(self, metadata: RecordingMetadata) -> RecordingMetadata:
         """What is then said of the file.
