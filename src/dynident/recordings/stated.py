@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from math import isfinite
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 from dynident.asking import anew, said
 from dynident.errors import DynidentError
@@ -166,6 +166,21 @@ class Revision:
 
     def __str__(self) -> str:
         return ", ".join(f"{name} {_written(getattr(self, name))}" for name in self.changes) or "nothing"
+
+
+class RevisionFields(TypedDict, total=False):
+    """The fields of `Revision`, as arguments by keyword."""
+
+    windows: Windows | None
+    exclude: Windows | None
+    columns: Mapping[str, str]
+    units: Mapping[str, str]
+    permutation: Mapping[Axis, tuple[int, ...]]
+    signs: Mapping[str, float]
+    scale: Mapping[str, float]
+    torque_delay: float | None
+    role: Role | None
+    name: str | None
 
 
 def _written(value: object) -> str:
