@@ -1,4 +1,4 @@
-"""What the client's methods take, written from the contract: `requests.py` and `descriptions.py` of the client."""
+"""What the client's methods take and give, from the contract: `requests.py`, `descriptions.py`, `answers.py` of it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import json
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from keyword import iskeyword
 from typing import Any
 
 FILE = "src/dynident_client/requests.py"
 DESCRIPTIONS_FILE = "src/dynident_client/descriptions.py"
+ANSWERS_FILE = "src/dynident_client/answers.py"
 _REQUESTS = {
     "IdentificationRequest": ("robot_id", "measurement_ids", "validation_ids", "effects"),
     "DesignRequest": ("robot_id", "kind"),
@@ -27,6 +29,16 @@ _DESCRIPTIONS = {
 }
 """The same of what is said of robots and recordings."""
 _STATED = _REQUESTS | _DESCRIPTIONS
+_ANSWERS = (
+    *("ComparisonResult", "CurrentModelsResult", "DesignResult", "DiagnosisResult", "DriveGainsResult"),
+    *("IdentificationResult", "ReportResult", "SeriesResult", "SimulationResult", "ValidationResult"),
+    *("AutocorrelationView", "CorrelationView", "DesignClearances", "EssentialView", "Evidence", "GeometryView"),
+    *("Lineage", "MeshesView", "RawSignals", "ResidualMap", "Series", "Spectrum", "Standstills", "VerdictView"),
+    *("Catalogue", "CheckView", "Health", "JointView", "ProblemField", "QuestionView", "Readiness", "UsageView"),
+)
+"""What is answered, or stands in an answer: what jobs compute, what is read of it, and parts of the resources."""
+_SPARSE = ("ProblemField",)
+"""Answers without the fields that there is nothing to say of; all others have every field."""
 
 _HEAD = '''"""What requests take, by the contract: written by `python -m dynident_service.openapi`, not by hand."""
 
@@ -35,6 +47,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypedDict
 '''
+_ABSTRACT = "from collections.abc import Mapping, Sequence\n"
+_ANYTHING = "Mapping[str, Any]"
 _SIMPLE = {"string": "str", "integer": "int", "number": "float", "boolean": "bool", "null": "None"}
 _WIDTH = 120
 
@@ -50,6 +64,18 @@ def description_types(contract: Mapping[str, Any]) -> str:
     schemas = contract["components"]["schemas"]
     wanted, there = _with_parts(schemas, _DESCRIPTIONS), _with_parts(schemas, _REQUESTS)
     return _module({name: one for name, one in wanted.items() if name not in there}, sorted(there.keys() & wanted))
+
+
+def answer_types(contract: Mapping[str, Any]) -> str:
+    """The text of the module about what is answered."""
+    schemas = contract["components"]["schemas"]
+    wanted = _with_parts(schemas, _ANSWERS)
+    free = [name for name, one in wanted.items() if "properties" not in one]
+    classes = [_class(name, wanted[name], total=name not in _SPARSE) for name in sorted(wanted) if name not in free]
+    text = "\n\n".join([_HEAD.replace("What requests take", "What is answered"), *classes])
+    for name in free:
+        text = text.replace(name, _ANYTHING)
+    return text.replace(_ABSTRACT, "").replace("Sequence[", "list[").replace("Mapping[", "dict[")
 
 
 def _with_parts(schemas: Mapping[str, Any], requests: Iterable[str]) -> dict[str, Any]:
@@ -81,13 +107,18 @@ def _named(schema: Mapping[str, Any], but: tuple[str, ...]) -> Iterator[str]:
         yield part.partition('"')[0]
 
 
-def _class(name: str, schema: Mapping[str, Any]) -> str:
+def _class(name: str, schema: Mapping[str, Any], *, total: bool = False) -> str:
     but = _STATED.get(name, ())
     called = f"{_stem(name)}Options" if name in _STATED else name
-    lines = [f"class {called}(TypedDict, total=False):"]
+    # What is a word of the language cannot be a field of a class.
+    words = {field: _hint(about) for field, about in schema["properties"].items() if iskeyword(field)}
+    above = f"_{called}" if words else "TypedDict"
+    fields = ", ".join(f'"{field}": {hint}' for field, hint in words.items())
+    lines = [f'{above} = TypedDict("{above}", {{{fields}}})', "", ""] if words else []
+    lines += [f"class {called}({above}):" if total else f"class {called}({above}, total=False):"]
     lines += [f'    """{schema.get("description", name).splitlines()[0]}"""', ""]
     for field, about in schema["properties"].items():
-        if field in but:
+        if field in but or field in words:
             continue
         lines += _field(field, about)
     return "\n".join(lines).rstrip() + "\n"
@@ -137,5 +168,5 @@ def _hint(about: Mapping[str, Any]) -> str:
         return f"Sequence[{_hint(about.get('items', {}))}]"
     if about.get("type") == "object":
         values = about.get("additionalProperties")
-        return f"Mapping[str, {_hint(values)}]" if isinstance(values, Mapping) else "Mapping[str, Any]"
+        return f"Mapping[str, {_hint(values)}]" if isinstance(values, Mapping) else _ANYTHING
     return _SIMPLE.get(str(about.get("type")), "Any")

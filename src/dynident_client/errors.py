@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from dynident_client.answers import ProblemField
+
 
 class ProblemError(Exception):
     """The service refused a request (RFC 9457): `problem` is its answer, `status`, `title` and `detail` of it."""
@@ -17,7 +19,7 @@ class ProblemError(Exception):
         super().__init__(f"{self.title}: {self.detail}" if self.title else self.detail)
 
     @property
-    def errors(self) -> list[dict[str, Any]]:
+    def errors(self) -> list[ProblemField]:
         """The fields, columns or parameters that are wrong: pointer and detail of each."""
         return list(self.problem.get("errors", []))
 
