@@ -34,10 +34,10 @@ _ANSWERS = (
     *("IdentificationResult", "ReportResult", "SeriesResult", "SimulationResult", "ValidationResult"),
     *("AutocorrelationView", "CorrelationView", "DesignClearances", "EssentialView", "Evidence", "GeometryView"),
     *("Lineage", "MeshesView", "RawSignals", "ResidualMap", "Series", "Spectrum", "Standstills", "VerdictView"),
-    *("Catalogue", "CheckView", "Health", "JointView", "ProblemField", "QuestionView", "Readiness", "UsageView"),
+    *("Catalogue", "CheckView", "Health", "JointView", "Problem", "QuestionView", "Readiness", "UsageView"),
 )
 """What is answered, or stands in an answer: what jobs compute, what is read of it, and parts of the resources."""
-_SPARSE = ("ProblemField",)
+_SPARSE = ("Problem", "ProblemField")
 """Answers without the fields that there is nothing to say of; all others have every field."""
 
 _HEAD = '''"""What requests take, by the contract: written by `python -m dynident_service.openapi`, not by hand."""

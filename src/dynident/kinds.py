@@ -57,9 +57,9 @@ class Kinds(Generic[KindT]):
         What one of them is called in messages, and the field that asks for it.
     """
 
-    def __init__(self, package: str, base: type[Any], what: str) -> None:
+    def __init__(self, package: str, base: type[object], what: str) -> None:
         self.package = package
-        self.base = base
+        self.base: type[Any] = base
         self.what = what
 
     @cached_property

@@ -265,6 +265,13 @@ class CurrentParameterView(TypedDict):
     value: float
 
 
+class Dependent(TypedDict):
+    """A resource that rests on another one."""
+
+    id: str
+    kind: str
+
+
 class DesignClearances(TypedDict):
     """How near each link is to others and to the surroundings along a motion."""
 
@@ -890,6 +897,24 @@ class PhasesView(TypedDict):
     """Per joint: rows of friction that remembers the path alone"""
     standing: list[float]
     """Per joint: no rows of its friction, which may hold any torque there"""
+
+
+class Problem(TypedDict, total=False):
+    """The body of every error (RFC 9457)."""
+
+    checks: list[dict[str, Any]] | None
+    """All that was found in a file."""
+    dependents: list[Dependent] | None
+    """On 409: what has to be deleted first."""
+    dependents_count: int | None
+    """On 409: how many there are; not all are listed."""
+    detail: str
+    errors: list[ProblemField] | None
+    request_id: str | None
+    """Under which the service's log tells of the request."""
+    status: int
+    title: str
+    type: str
 
 
 class ProblemField(TypedDict, total=False):

@@ -11,6 +11,7 @@ from typing import IO, Any, NoReturn, TypedDict, TypeVar
 
 import httpx2
 
+from dynident_client.answers import Problem
 from dynident_client.errors import ProblemError
 
 T = TypeVar("T")
@@ -161,8 +162,8 @@ def _asked_to_wait(answer: httpx2.Response) -> float | None:
 
 
 def _raise_problem(answer: httpx2.Response) -> NoReturn:
-    problem: dict[str, Any] = {}
+    problem: Problem = {}
     if "problem+json" in answer.headers.get("content-type", ""):
         problem = answer.json()
-    stated = {"status": answer.status_code, "title": answer.reason_phrase, "detail": answer.text[:500]}
+    stated: Problem = {"status": answer.status_code, "title": answer.reason_phrase, "detail": answer.text[:500]}
     raise ProblemError({**stated, **problem})

@@ -64,7 +64,6 @@ from dynident.robot.linkage import Cuts, Tie, followers_locked, linked
 from dynident.robot.model import INERTIAL_NAMES, Description, JointKind, Robot
 from dynident.robot.pinocchio_model import (
     DescribedJoints,
-    PinocchioModel,
     dynamic_parameters,
     from_pinocchio,
     inertial_parameters,
@@ -311,7 +310,7 @@ def _about_origin(value: object, at: str) -> FloatArray:
     return inertial_parameters(pin.Inertia(mass, center, tensor).toDynamicParameters())
 
 
-def _model(name: str, rows: Sequence[Row]) -> PinocchioModel:
+def _model(name: str, rows: Sequence[Row]) -> pin.Model:
     model = pin.Model()
     model.name = name
     for row in rows:
