@@ -7,7 +7,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from keyword import iskeyword
-from typing import Any
+from typing import Any, TypedDict
 
 FILE = "src/dynident_client/requests.py"
 DESCRIPTIONS_FILE = "src/dynident_client/descriptions.py"
@@ -53,20 +53,32 @@ _SIMPLE = {"string": "str", "integer": "int", "number": "float", "boolean": "boo
 _WIDTH = 120
 
 
-def client_types(contract: Mapping[str, Any]) -> str:
+class Components(TypedDict):
+    """Parts that a contract names: schemas by their names."""
+
+    schemas: Mapping[str, Mapping[str, Any]]
+
+
+class Contract(TypedDict):
+    """An OpenAPI document, as far as types are written from it."""
+
+    components: Components
+
+
+def client_types(contract: Contract) -> str:
     """The text of the module about what is asked for."""
     schemas = contract["components"]["schemas"]
     return _module(_with_parts(schemas, _REQUESTS), ())
 
 
-def description_types(contract: Mapping[str, Any]) -> str:
+def description_types(contract: Contract) -> str:
     """The text of the module about what is said of robots and recordings."""
     schemas = contract["components"]["schemas"]
     wanted, there = _with_parts(schemas, _DESCRIPTIONS), _with_parts(schemas, _REQUESTS)
     return _module({name: one for name, one in wanted.items() if name not in there}, sorted(there.keys() & wanted))
 
 
-def answer_types(contract: Mapping[str, Any]) -> str:
+def answer_types(contract: Contract) -> str:
     """The text of the module about what is answered."""
     schemas = contract["components"]["schemas"]
     wanted = _with_parts(schemas, _ANSWERS)

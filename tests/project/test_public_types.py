@@ -17,7 +17,7 @@ from dynident.robot.model import Description
 from dynident.robot.stated import Drive, Limits
 
 SOURCES = Path(__file__).resolve().parents[2]
-PACKAGES = ("src/dynident", "src/dynident_client")
+PACKAGES = ("src/dynident", "src/dynident_client", "service/dynident_service")
 
 
 def test_no_public_function_takes_or_gives_any() -> None:

@@ -23,6 +23,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Literal, Protocol
 
+from sqlalchemy import Table
+
 from dynident.errors import DynidentError
 from dynident.version import __version__
 from dynident_service.storage.tables import UtcDateTime
@@ -151,7 +153,7 @@ def check_listing(source: Path, most: int) -> None:
                 raise unusable(f"its list of files has {size} bytes, and none of its kind has more than {most} files")
 
 
-def write_rows(files: Files, table: str, rows: Iterable[Mapping[str, Any]]) -> int:
+def write_rows(files: Files, table: str, rows: Iterable[Mapping[str, object]]) -> int:
     """Write the rows of a table; tells how many."""
     number = 0
     with files.write(f"tables/{table}.jsonl") as file:
@@ -161,7 +163,7 @@ def write_rows(files: Files, table: str, rows: Iterable[Mapping[str, Any]]) -> i
     return number
 
 
-def read_rows(files: Files, table: Any) -> Iterator[Row]:
+def read_rows(files: Files, table: Table) -> Iterator[Row]:
     """Read the rows of a table, those of its columns that there are; none where the archive has no such table.
 
     Raises DynidentError for a line that is no row.

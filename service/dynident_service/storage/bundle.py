@@ -37,7 +37,7 @@ from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.patience import reason_of
 from dynident_service.storage.reading import OF_JOBS, OF_RESOURCES
 from dynident_service.storage.records import FINAL, Job, Kind, Owned, Resource
-from dynident_service.storage.tables import DependencyRow, JobEventRow, JobRow, ObjectRow, ResourceRow
+from dynident_service.storage.tables import DependencyRow, JobEventRow, JobRow, ObjectRow, ResourceRow, table_of
 from dynident_service.storage.tombstones import announce, hold
 
 AT_ONCE = 200
@@ -87,7 +87,7 @@ def import_robot(
         with database.engine.connect() as connection:
             robot = str(read_manifest(files, "robot", known_revisions(connection))["subject"])
             rows = {
-                table: list(read_rows(files, table.__table__)) for table in (*(one for one, _ in PARTS), JobEventRow)
+                table: list(read_rows(files, table_of(table))) for table in (*(one for one, _ in PARTS), JobEventRow)
             }
             _check(files, rows, robot, look_at)
             known = {row["id"] for row in _of(connection, ResourceRow, ResourceRow.id, _ids(rows[ResourceRow]))}
