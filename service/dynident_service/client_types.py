@@ -11,7 +11,7 @@ from typing import Any, TypedDict
 
 FILE = "src/dynident_client/requests.py"
 DESCRIPTIONS_FILE = "src/dynident_client/descriptions.py"
-ANSWERS_FILE = "src/dynident_client/answers.py"
+ANSWERS_FOLDER = "src/dynident_client/answers"
 _REQUESTS = {
     "IdentificationRequest": ("robot_id", "measurement_ids", "validation_ids", "effects"),
     "DesignRequest": ("robot_id", "kind"),
@@ -29,14 +29,23 @@ _DESCRIPTIONS = {
 }
 """The same of what is said of robots and recordings."""
 _STATED = _REQUESTS | _DESCRIPTIONS
-_ANSWERS = (
-    *("ComparisonResult", "CurrentModelsResult", "DesignResult", "DiagnosisResult", "DriveGainsResult"),
-    *("IdentificationResult", "ReportResult", "SeriesResult", "SimulationResult", "ValidationResult"),
-    *("AutocorrelationView", "CorrelationView", "DesignClearances", "EssentialView", "Evidence", "GeometryView"),
-    *("Lineage", "MeshesView", "RawSignals", "ResidualMap", "Series", "Spectrum", "Standstills", "VerdictView"),
-    *("Catalogue", "CheckView", "Health", "JointView", "Problem", "QuestionView", "Readiness", "UsageView"),
-)
-"""What is answered, or stands in an answer: what jobs compute, what is read of it, and parts of the resources."""
+_ANSWERS = {
+    "comparisons": ("AutocorrelationView", "ComparisonResult", "ResidualMap", "Series", "Spectrum"),
+    "designs": ("DesignClearances", "DesignResult", "SimulationResult"),
+    "diagnoses": ("DiagnosisResult", "Evidence", "SeriesResult"),
+    "identifications": (
+        *("CorrelationView", "CurrentModelsResult", "EssentialView", "IdentificationResult", "Lineage"),
+        *("ReportResult", "VerdictView"),
+    ),
+    "resources": (
+        *("Catalogue", "CheckView", "GeometryView", "Health", "JointView", "MeshesView", "Problem", "QuestionView"),
+        *("RawSignals", "Readiness", "Standstills", "UsageView"),
+    ),
+    "validations": ("DriveGainsResult", "ValidationResult"),
+}
+"""What is answered, or stands in an answer, and the module of it: what jobs compute, what is read of it, resources."""
+_SHARED = "parts"
+"""The module of what stands in answers of several modules."""
 _SPARSE = ("Problem", "ProblemField")
 """Answers without the fields that there is nothing to say of; all others have every field."""
 
@@ -78,16 +87,44 @@ def description_types(contract: Contract) -> str:
     return _module({name: one for name, one in wanted.items() if name not in there}, sorted(there.keys() & wanted))
 
 
-def answer_types(contract: Contract) -> str:
-    """The text of the module about what is answered."""
+def answer_types(contract: Contract) -> dict[str, str]:
+    """The texts of the modules about what is answered, by their files' names."""
     schemas = contract["components"]["schemas"]
-    wanted = _with_parts(schemas, _ANSWERS)
-    free = [name for name, one in wanted.items() if "properties" not in one]
-    classes = [_class(name, wanted[name], total=name not in _SPARSE) for name in sorted(wanted) if name not in free]
-    text = "\n\n".join([_HEAD.replace("What requests take", "What is answered"), *classes])
+    reached = {module: _with_parts(schemas, names) for module, names in _ANSWERS.items()}
+    homes: dict[str, str] = {}
+    for module, schemas_of_it in reached.items():
+        for name in schemas_of_it:
+            homes[name] = module if name not in homes else _SHARED
+    free = {name for name in homes if "properties" not in schemas[name]}
+    by_module = {one: sorted(name for name in homes.keys() - free if homes[name] == one) for one in (*reached, _SHARED)}
+    found = {}
+    for module, names in by_module.items():
+        shared = {part for name in names for part in _named(schemas[name], ())} & set(by_module[_SHARED])
+        more = [_import(_SHARED, sorted(shared))] if shared and module != _SHARED else []
+        classes = [_class(name, schemas[name], total=name not in _SPARSE) for name in names]
+        text = "\n\n".join(["\n".join([_HEAD.replace("What requests take", "What is answered"), *more]), *classes])
+        found[f"{module}.py"] = _answered(text, free)
+    imports = [_import(one, names) for one, names in sorted(by_module.items())]
+    everything = ["__all__ = [", *(f'    "{name}",' for name in sorted(homes.keys() - free)), "]", ""]
+    words = '"""What is answered, by the contract: written by `python -m dynident_service.openapi`, not by hand."""\n\n'
+    return {"__init__.py": words + "".join(imports) + "\n" + "\n".join(everything), **found}
+
+
+def _answered(text: str, free: Iterable[str]) -> str:
+    """The text of a module with answers: its containers are those of JSON, and what is `free` may be anything."""
     for name in free:
         text = text.replace(name, _ANYTHING)
-    return text.replace(_ABSTRACT, "").replace("Sequence[", "list[").replace("Mapping[", "dict[")
+    text = text.replace(_ABSTRACT, "").replace("Sequence[", "list[").replace("Mapping[", "dict[")
+    needed = {"Any": "Any]" in text or ": Any" in text, "Literal": "Literal[" in text, "TypedDict": True}
+    used = ", ".join(name for name, is_there in needed.items() if is_there)
+    return text.replace("from typing import Any, Literal, TypedDict", f"from typing import {used}")
+
+
+def _import(module: str, names: Sequence[str]) -> str:
+    names = sorted(names, key=str.casefold)
+    lines = "".join(f"    {name},\n" for name in names)
+    one = f"from dynident_client.answers.{module} import {', '.join(names)}\n"
+    return one if len(one) <= _WIDTH + 1 else f"from dynident_client.answers.{module} import (\n{lines})\n"
 
 
 def _with_parts(schemas: Mapping[str, Any], requests: Iterable[str]) -> dict[str, Any]:

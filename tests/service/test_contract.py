@@ -7,7 +7,13 @@ import pytest
 from versions import older_than_locked
 
 import dynident_client
-from dynident_service.client_types import ANSWERS_FILE, DESCRIPTIONS_FILE, answer_types, client_types, description_types
+from dynident_service.client_types import (
+    ANSWERS_FOLDER,
+    DESCRIPTIONS_FILE,
+    answer_types,
+    client_types,
+    description_types,
+)
 from dynident_service.client_types import FILE as TYPES
 from dynident_service.openapi import contract
 
@@ -33,5 +39,6 @@ def test_what_the_client_says_of_robots_and_recordings_is_the_contract_s() -> No
 
 
 def test_what_the_client_says_of_answers_is_the_contract_s() -> None:
-    written = Path(dynident_client.__file__).with_name(Path(ANSWERS_FILE).name).read_text(encoding="utf-8")
+    folder = Path(dynident_client.__file__).with_name(Path(ANSWERS_FOLDER).name)
+    written = {file.name: file.read_text(encoding="utf-8") for file in folder.glob("*.py")}
     assert written == answer_types(json.loads(contract())), "run `python -m dynident_service.openapi`"
