@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import TypeVar
 
 import anyio
 from anyio import to_thread
@@ -18,6 +18,8 @@ from dynident_service.jobs.nursery import Nursery
 from dynident_service.jobs.pool import ChildPool
 from dynident_service.limits import take_long
 from dynident_service.problems import ProblemError
+
+T = TypeVar("T")
 
 MOST_WAITING = 30
 """Requests that may wait for a process; one more is told to come back."""
@@ -38,10 +40,16 @@ class Awaited:
         self._threads: anyio.CapacityLimiter | None = None
 
     async def call(
-        self, request: Request, function: str, arguments: Mapping[str, Any], longest: float = LONGEST
-    ) -> Any:
-        """Compute; a problem 429 if too many wait, 503 if it takes too long, and whatever problem comes out.
+        self,
+        request: Request,
+        function: str,
+        gives: type[T],
+        arguments: Mapping[str, object],
+        longest: float = LONGEST,
+    ) -> T:
+        """Compute what a function gives.
 
+        A problem 429 if too many wait, 503 if it takes too long, and whatever problem comes out.
         Where the client leaves, the process is killed.
         """
         if self._waiting >= MOST_WAITING:
@@ -63,7 +71,8 @@ class Awaited:
             raise ProblemError(408, "The client left before its answer was there.", title="Client left")
         if found.problem is not None:
             raise ProblemError.of(found.problem)
-        return found.value
+        value: T = found.value
+        return value
 
     def close(self) -> None:
         """Kill the children."""

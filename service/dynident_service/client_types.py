@@ -1,4 +1,4 @@
-"""What the client's methods take, written from the contract: `requests.py` and `descriptions.py` of the client."""
+"""What the client's methods take and give, from the contract: `requests.py`, `descriptions.py`, `answers.py` of it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import json
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from keyword import iskeyword
+from typing import Any, TypedDict
 
 FILE = "src/dynident_client/requests.py"
 DESCRIPTIONS_FILE = "src/dynident_client/descriptions.py"
+ANSWERS_FOLDER = "src/dynident_client/answers"
 _REQUESTS = {
     "IdentificationRequest": ("robot_id", "measurement_ids", "validation_ids", "effects"),
     "DesignRequest": ("robot_id", "kind"),
@@ -27,6 +29,25 @@ _DESCRIPTIONS = {
 }
 """The same of what is said of robots and recordings."""
 _STATED = _REQUESTS | _DESCRIPTIONS
+_ANSWERS = {
+    "comparisons": ("AutocorrelationView", "ComparisonResult", "ResidualMap", "Series", "Spectrum"),
+    "designs": ("DesignClearances", "DesignResult", "SimulationResult"),
+    "diagnoses": ("DiagnosisResult", "Evidence", "SeriesResult"),
+    "identifications": (
+        *("CorrelationView", "CurrentModelsResult", "EssentialView", "IdentificationResult", "Lineage"),
+        *("ReportResult", "VerdictView"),
+    ),
+    "resources": (
+        *("Catalogue", "CheckView", "GeometryView", "Health", "JointView", "MeshesView", "Problem", "QuestionView"),
+        *("RawSignals", "Readiness", "Standstills", "UsageView"),
+    ),
+    "validations": ("DriveGainsResult", "ValidationResult"),
+}
+"""What is answered, or stands in an answer, and the module of it: what jobs compute, what is read of it, resources."""
+_SHARED = "parts"
+"""The module of what stands in answers of several modules."""
+_SPARSE = ("Problem", "ProblemField")
+"""Answers without the fields that there is nothing to say of; all others have every field."""
 
 _HEAD = '''"""What requests take, by the contract: written by `python -m dynident_service.openapi`, not by hand."""
 
@@ -35,21 +56,75 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypedDict
 '''
+_ABSTRACT = "from collections.abc import Mapping, Sequence\n"
+_ANYTHING = "Mapping[str, Any]"
 _SIMPLE = {"string": "str", "integer": "int", "number": "float", "boolean": "bool", "null": "None"}
 _WIDTH = 120
 
 
-def client_types(contract: Mapping[str, Any]) -> str:
+class Components(TypedDict):
+    """Parts that a contract names: schemas by their names."""
+
+    schemas: Mapping[str, Mapping[str, Any]]
+
+
+class Contract(TypedDict):
+    """An OpenAPI document, as far as types are written from it."""
+
+    components: Components
+
+
+def client_types(contract: Contract) -> str:
     """The text of the module about what is asked for."""
     schemas = contract["components"]["schemas"]
     return _module(_with_parts(schemas, _REQUESTS), ())
 
 
-def description_types(contract: Mapping[str, Any]) -> str:
+def description_types(contract: Contract) -> str:
     """The text of the module about what is said of robots and recordings."""
     schemas = contract["components"]["schemas"]
     wanted, there = _with_parts(schemas, _DESCRIPTIONS), _with_parts(schemas, _REQUESTS)
     return _module({name: one for name, one in wanted.items() if name not in there}, sorted(there.keys() & wanted))
+
+
+def answer_types(contract: Contract) -> dict[str, str]:
+    """The texts of the modules about what is answered, by their files' names."""
+    schemas = contract["components"]["schemas"]
+    reached = {module: _with_parts(schemas, names) for module, names in _ANSWERS.items()}
+    homes: dict[str, str] = {}
+    for module, schemas_of_it in reached.items():
+        for name in schemas_of_it:
+            homes[name] = module if name not in homes else _SHARED
+    free = {name for name in homes if "properties" not in schemas[name]}
+    by_module = {one: sorted(name for name in homes.keys() - free if homes[name] == one) for one in (*reached, _SHARED)}
+    found = {}
+    for module, names in by_module.items():
+        shared = {part for name in names for part in _named(schemas[name], ())} & set(by_module[_SHARED])
+        more = [_import(_SHARED, sorted(shared))] if shared and module != _SHARED else []
+        classes = [_class(name, schemas[name], total=name not in _SPARSE) for name in names]
+        text = "\n\n".join(["\n".join([_HEAD.replace("What requests take", "What is answered"), *more]), *classes])
+        found[f"{module}.py"] = _answered(text, free)
+    imports = [_import(one, names) for one, names in sorted(by_module.items())]
+    everything = ["__all__ = [", *(f'    "{name}",' for name in sorted(homes.keys() - free)), "]", ""]
+    words = '"""What is answered, by the contract: written by `python -m dynident_service.openapi`, not by hand."""\n\n'
+    return {"__init__.py": words + "".join(imports) + "\n" + "\n".join(everything), **found}
+
+
+def _answered(text: str, free: Iterable[str]) -> str:
+    """The text of a module with answers: its containers are those of JSON, and what is `free` may be anything."""
+    for name in free:
+        text = text.replace(name, _ANYTHING)
+    text = text.replace(_ABSTRACT, "").replace("Sequence[", "list[").replace("Mapping[", "dict[")
+    needed = {"Any": "Any]" in text or ": Any" in text, "Literal": "Literal[" in text, "TypedDict": True}
+    used = ", ".join(name for name, is_there in needed.items() if is_there)
+    return text.replace("from typing import Any, Literal, TypedDict", f"from typing import {used}")
+
+
+def _import(module: str, names: Sequence[str]) -> str:
+    names = sorted(names, key=str.casefold)
+    lines = "".join(f"    {name},\n" for name in names)
+    one = f"from dynident_client.answers.{module} import {', '.join(names)}\n"
+    return one if len(one) <= _WIDTH + 1 else f"from dynident_client.answers.{module} import (\n{lines})\n"
 
 
 def _with_parts(schemas: Mapping[str, Any], requests: Iterable[str]) -> dict[str, Any]:
@@ -81,13 +156,18 @@ def _named(schema: Mapping[str, Any], but: tuple[str, ...]) -> Iterator[str]:
         yield part.partition('"')[0]
 
 
-def _class(name: str, schema: Mapping[str, Any]) -> str:
+def _class(name: str, schema: Mapping[str, Any], *, total: bool = False) -> str:
     but = _STATED.get(name, ())
     called = f"{_stem(name)}Options" if name in _STATED else name
-    lines = [f"class {called}(TypedDict, total=False):"]
+    # What is a word of the language cannot be a field of a class.
+    words = {field: _hint(about) for field, about in schema["properties"].items() if iskeyword(field)}
+    above = f"_{called}" if words else "TypedDict"
+    fields = ", ".join(f'"{field}": {hint}' for field, hint in words.items())
+    lines = [f'{above} = TypedDict("{above}", {{{fields}}})', "", ""] if words else []
+    lines += [f"class {called}({above}):" if total else f"class {called}({above}, total=False):"]
     lines += [f'    """{schema.get("description", name).splitlines()[0]}"""', ""]
     for field, about in schema["properties"].items():
-        if field in but:
+        if field in but or field in words:
             continue
         lines += _field(field, about)
     return "\n".join(lines).rstrip() + "\n"
@@ -137,5 +217,5 @@ def _hint(about: Mapping[str, Any]) -> str:
         return f"Sequence[{_hint(about.get('items', {}))}]"
     if about.get("type") == "object":
         values = about.get("additionalProperties")
-        return f"Mapping[str, {_hint(values)}]" if isinstance(values, Mapping) else "Mapping[str, Any]"
+        return f"Mapping[str, {_hint(values)}]" if isinstance(values, Mapping) else _ANYTHING
     return _SIMPLE.get(str(about.get("type")), "Any")

@@ -27,20 +27,24 @@ def mount(app: FastAPI) -> None:
     @app.get("/docs", include_in_schema=False)
     def documentation() -> HTMLResponse:
         if not pages:
-            pages.append(page(app.openapi()))
+            contract = app.openapi()
+            pages.append(page(contract["info"], contract["paths"], contract["components"]["schemas"]))
         return HTMLResponse(pages[0], headers={"Content-Security-Policy": POLICY})
 
 
-def page(contract: Mapping[str, Any]) -> str:
-    """Write out an OpenAPI document."""
-    info = contract["info"]
+def page(
+    info: Mapping[str, str],
+    paths: Mapping[str, Mapping[str, Mapping[str, object]]],
+    schemas: Mapping[str, Mapping[str, object]],
+) -> str:
+    """Write out an OpenAPI document: what it is, its operations by path and verb, and its schemas by name."""
     title = f"{escape(info['title'])} {escape(info['version'])}"
     body = [
         f"<h1>{title}</h1><p>{escape(info['description'])}</p>",
         "<p>This is <a href='/openapi.json'>/openapi.json</a>, written out.</p>",
-        *_operations(contract["paths"]),
+        *_operations(paths),
         "<h2>Schemas</h2>",
-        *(_schema(name, schema) for name, schema in sorted(contract["components"]["schemas"].items())),
+        *(_schema(name, schema) for name, schema in sorted(schemas.items())),
     ]
     head = f"<meta charset='utf-8'><meta name='viewport' content='width=device-width'><title>{title}</title>"
     return (

@@ -24,4 +24,6 @@ if __name__ == "__main__":
     if target == FILE:
         document = json.loads(contract())
         Path(client_types.FILE).write_text(client_types.client_types(document), encoding="utf-8")
+        for name, text in client_types.answer_types(document).items():
+            Path(client_types.ANSWERS_FOLDER, name).write_text(text, encoding="utf-8")
         Path(client_types.DESCRIPTIONS_FILE).write_text(client_types.description_types(document), encoding="utf-8")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from http import HTTPStatus
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 from pydantic import BaseModel, Field
 from pydantic_core import ErrorDetails
@@ -48,13 +48,23 @@ class Problem(BaseModel):
     request_id: str | None = Field(default=None, description="Under which the service's log tells of the request.")
 
 
+class Further(TypedDict, total=False):
+    """What else a problem may say."""
+
+    errors: list[ProblemField] | None
+    dependents: list[Dependent] | None
+    dependents_count: int | None
+    checks: list[dict[str, Any]] | None
+    request_id: str | None
+
+
 class ProblemError(Exception):
     """Ends a request with a problem."""
 
     retry_after = "1"
     """Seconds after which the same request may be right, where the status says that it may."""
 
-    def __init__(self, status: int, detail: str, *, title: str = "", **more: Any) -> None:
+    def __init__(self, status: int, detail: str, *, title: str = "", **more: Unpack[Further]) -> None:
         super().__init__(detail)
         self.problem = make_problem(status, detail, title=title, **more)
 
@@ -66,7 +76,7 @@ class ProblemError(Exception):
         return error
 
 
-def make_problem(status: int, detail: str, *, title: str = "", **more: Any) -> Problem:
+def make_problem(status: int, detail: str, *, title: str = "", **more: Unpack[Further]) -> Problem:
     """Make a problem whose type follows from its title, so that programs can tell kinds apart."""
     title = title or HTTPStatus(status).phrase
     slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
@@ -116,7 +126,7 @@ def _inside(body: object, part: int | str) -> object:
     return _NOWHERE
 
 
-def fields_of(errors: Sequence[ErrorDetails | dict[str, Any]], body: object, prefix: str = "") -> list[ProblemField]:
+def fields_of(errors: Sequence[ErrorDetails], body: object, prefix: str = "") -> list[ProblemField]:
     """Turn pydantic's errors into the fields of a problem; several for one pointer are joined."""
     joined: dict[str, list[str]] = {}
     for error in errors:

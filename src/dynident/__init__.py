@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dynident.extras import RoomsThatNeedScience, install_hint, missing_science
 from dynident.lazy import homes_of
@@ -104,7 +104,7 @@ if _missing is not None:
 if not TYPE_CHECKING:
     # Not for the eyes of type checkers, to whom every name would then be there.
 
-    def __getattr__(name: str) -> Any:
+    def __getattr__(name: str) -> object:
         # The science takes a second or two to load: only who uses it waits for it.
         home = _HOME_OF.get(name)
         if home is None:

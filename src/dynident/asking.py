@@ -9,10 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from math import isfinite
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias, TypedDict, TypeVar, Unpack
 
 from dynident.errors import DynidentError
 
+if TYPE_CHECKING:
+    from dataclasses import _MISSING_TYPE
+
+    from _typeshed import DataclassInstance
+
+    Missing: TypeAlias = Literal[_MISSING_TYPE.MISSING]
+
+T = TypeVar("T")
 _KEY = "said"
 
 
@@ -118,13 +126,27 @@ class Said:
         return " and ".join(f"{words} {end:g}" for words, end in ends if end is not None)
 
 
+class About(TypedDict, total=False):
+    """What else is said of a field, by keyword: the fields of `Said` beside its words."""
+
+    unit: str
+    above: float | None
+    at_least: float | None
+    at_most: float | None
+    fewest: int | None
+    most: int | None
+    kinds: Named | None
+    option: str
+    local: bool
+
+
 def said(
     words: str = "",
     *,
-    default: Any = MISSING,
-    made_by: Callable[[], Any] | None = None,
-    **more: Any,
-) -> Any:
+    default: T | Missing = MISSING,
+    made_by: Callable[[], T] | None = None,
+    **more: Unpack[About],
+) -> T:
     """A dataclass's field with what is said of it.
 
     Parameters
@@ -136,37 +158,39 @@ def said(
     more
         As `Said` has it: unit, above, at_least, at_most, fewest, most, kinds, option, local.
     """
-    metadata = {_KEY: Said(words, **more)}
-    if made_by is not None:
-        return field(default_factory=made_by, metadata=metadata)
-    return field(default=default, metadata=metadata)
+    return _field(Said(words, **more), default, made_by)
 
 
-def said_of(one: Field[Any]) -> Said:
+def said_of(one: Field[T]) -> Said:
     """What is said of a field; nothing where it was made without."""
     found: Said = one.metadata.get(_KEY, _NOTHING)
     return found
 
 
-def retold(one: Field[Any], words: str) -> Any:
+def retold(one: Field[T], words: str) -> T:
     """A field like another, in other words."""
-    default = {"default": one.default} if one.default_factory is MISSING else {"default_factory": one.default_factory}
-    return field(**default, metadata={_KEY: replace(said_of(one), words=words)})
+    made_by = None if one.default_factory is MISSING else one.default_factory
+    return _field(replace(said_of(one), words=words), one.default, made_by)
 
 
-def anew(request: type, name: str) -> Any:
-    """A field as a request has it that changes what was asked for: None, or nothing by any key, for as before."""
-    about = next(one for one in fields(request) if one.name == name)
-    words = said_of(about).words
-    return retold(about, words) if about.default_factory is dict else said(words, default=None)
+def anew(
+    request: type[DataclassInstance],
+    name: str,
+    *,
+    default: T | Missing = MISSING,
+    made_by: Callable[[], T] | None = None,
+) -> T:
+    """A field as a request has it that changes what was asked for; its default is what leaves that as before."""
+    about = next(said_of(one) for one in fields(request) if one.name == name)
+    return said(about.words, default=default, made_by=made_by)
 
 
-def default_of(one: Field[Any]) -> Any:
+def default_of(one: Field[T]) -> T | Missing:
     """A field's default; `MISSING` where it has none."""
     return one.default if one.default_factory is MISSING else one.default_factory()
 
 
-def check_ranges(request: Any, within: str = "") -> None:
+def check_ranges(request: DataclassInstance, within: str = "") -> None:
     """Raise `DynidentError` where a number of a request, or one in a list, is not within what is said of its field."""
     for one in fields(request):
         about, value = said_of(one), getattr(request, one.name)
@@ -175,6 +199,16 @@ def check_ranges(request: Any, within: str = "") -> None:
             if isinstance(number, (int, float)) and not about.admits(number):
                 at = f"{within}/{one.name}" + (f"/{index}" if several else "")
                 raise DynidentError(f"{one.name} is {number}; it must be {about.range}", pointer=at)
+
+
+def _field(about: Said, default: T | Missing, made_by: Callable[[], T] | None) -> T:
+    metadata = {_KEY: about}
+    if made_by is not None:
+        return field(default_factory=made_by, metadata=metadata)
+    if default is not MISSING:
+        return field(default=default, metadata=metadata)
+    found: T = field(metadata=metadata)
+    return found
 
 
 _NOTHING = Said()

@@ -57,9 +57,9 @@ class Kinds(Generic[KindT]):
         What one of them is called in messages, and the field that asks for it.
     """
 
-    def __init__(self, package: str, base: type[Any], what: str) -> None:
+    def __init__(self, package: str, base: type[object], what: str) -> None:
         self.package = package
-        self.base = base
+        self.base: type[Any] = base
         self.what = what
 
     @cached_property
@@ -108,7 +108,7 @@ class Kinds(Generic[KindT]):
             )
         return self.by_name[asked]()
 
-    def of(self, document: Mapping[str, Any] | str) -> KindT:
+    def of(self, document: Mapping[str, object] | str) -> KindT:
         """The kind that a name says, or an object with `name` and options; `DynidentError` where it does not fit."""
         if isinstance(document, str):
             return self.one(document)
@@ -158,7 +158,7 @@ def words_of(asked: Kind | str) -> str:
     return asked if isinstance(asked, str) else asked.in_words
 
 
-def document_of(asked: Kind | str) -> str | dict[str, Any]:
+def document_of(asked: Kind | str) -> str | dict[str, object]:
     """What was asked for as it is written in JSON: its name, or an object with its options."""
     if isinstance(asked, str):
         return asked

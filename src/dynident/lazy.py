@@ -8,21 +8,20 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import import_module
 from importlib.abc import InspectLoader
-from typing import Any
 
 
-def lazily(package: str) -> Callable[[str], Any]:
+def lazily(package: str) -> Callable[[str], object]:
     """The `__getattr__` of a package: each name comes from where the imports in its `__init__` say, if ever.
 
     They stand below `if TYPE_CHECKING`, once for type checkers and for this. No module of the package may be called
     as a name of it: to import the one would hide the other.
     """
 
-    def get(name: str) -> Any:
+    def get(name: str) -> object:
         home = homes_of(package).get(name)
         if home is None:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(home), name)
+        value: object = getattr(import_module(home), name)
         setattr(sys.modules[package], name, value)
         return value
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import httpx2
 
+from dynident_client import answers
 from dynident_client.inputs import Designs, Imports, Measurements, Robots, Simulations
 from dynident_client.jobs import Jobs
 from dynident_client.outputs import (
@@ -60,21 +61,21 @@ class Client:
         self.reports = Reports(self._transport)
         self.jobs = Jobs(self._transport)
 
-    def effects(self) -> list[dict[str, Any]]:
+    def effects(self) -> list[answers.EffectView]:
         """Read the catalogue of effects."""
-        return list(self._transport.get("/v1/effects")["items"])
+        return self._transport.get("/v1/effects", answers.Catalogue)["items"]
 
-    def health(self) -> dict[str, Any]:
+    def health(self) -> answers.Health:
         """Ask whether the service answers."""
-        return dict(self._transport.get("/healthz"))
+        return self._transport.get("/healthz", answers.Health)
 
-    def readiness(self) -> dict[str, Any]:
+    def readiness(self) -> answers.Readiness:
         """Ask whether database, objects and engine work; a ProblemError with status 503 if not."""
-        return dict(self._transport.get("/readyz"))
+        return self._transport.get("/readyz", answers.Readiness)
 
-    def usage(self) -> list[dict[str, Any]]:
+    def usage(self) -> list[answers.KeyUsage]:
         """Ask what this key has stored and under way, and how much it may; all keys, of one that allows everything."""
-        return list(self._transport.get("/v1/usage")["items"])
+        return self._transport.get("/v1/usage", answers.UsageView)["items"]
 
     def metrics(self) -> str:
         """Read the figures for Prometheus."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Generic
 
 from dynident_client.records import Page, Record, RecordT, id_of
-from dynident_client.transport import Transport
+from dynident_client.transport import Param, Part, Transport
 
 
 class Collection(Generic[RecordT]):
@@ -24,18 +24,18 @@ class Collection(Generic[RecordT]):
 
     def get(self, resource: Record | str) -> RecordT:
         """Read one."""
-        return self._record(self._transport.get(f"{self.path}/{id_of(resource)}"))
+        return self._record(self._transport.get(f"{self.path}/{id_of(resource)}", dict))
 
-    def page(self, limit: int | None = None, cursor: str | None = None, **narrow: Any) -> Page[RecordT]:
+    def page(self, limit: int | None = None, cursor: str | None = None, **narrow: Param) -> Page[RecordT]:
         """Read a part of the list, newest first."""
-        data = self._transport.get(self.path, limit=limit, cursor=cursor, **narrow)
+        data = self._transport.get(self.path, Part, limit=limit, cursor=cursor, **narrow)
         return Page([self._record(one) for one in data["items"]], data["cursor"])
 
-    def all(self, **narrow: Any) -> Iterator[RecordT]:
-        """Go through the whole list, newest first."""
+    def all(self, limit: int | None = None, **narrow: Param) -> Iterator[RecordT]:
+        """Go through the whole list, newest first; `limit` says how many are read at a time."""
         cursor = None
         while True:
-            part = self.page(cursor=cursor, **narrow)
+            part = self.page(limit, cursor, **narrow)
             yield from part
             if (cursor := part.cursor) is None:
                 return
@@ -44,19 +44,23 @@ class Collection(Generic[RecordT]):
         """Delete one; a ProblemError 409 while others rest on it."""
         self._transport.delete(f"{self.path}/{id_of(resource)}")
 
-    def _post(self, body: Mapping[str, Any], below: str = "") -> RecordT:
-        return self._record(self._transport.post(f"{self.path}{below}", with_identifiers(body)))
+    def _post(self, body: Mapping[str, object], below: str = "") -> RecordT:
+        return self._record(self._transport.post(f"{self.path}{below}", dict, with_identifiers(body)))
 
     def _record(self, data: dict[str, Any]) -> RecordT:
         return self.kind(self._transport, data)
 
 
-def with_identifiers(value: Any) -> Any:
+def with_identifiers(body: Mapping[str, object]) -> dict[str, object]:
     """Give the same with the identifier of each resource in its place."""
+    return {name: _identified(one) for name, one in body.items()}
+
+
+def _identified(value: object) -> object:
     if isinstance(value, Record):
         return value.id
     if isinstance(value, Mapping):
-        return {name: with_identifiers(one) for name, one in value.items()}
+        return with_identifiers(value)
     if isinstance(value, list | tuple):
-        return [with_identifiers(one) for one in value]
+        return [_identified(one) for one in value]
     return value

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from dynident_client.answers import Problem, ProblemField
 
 
 class ProblemError(Exception):
     """The service refused a request (RFC 9457): `problem` is its answer, `status`, `title` and `detail` of it."""
 
-    def __init__(self, problem: Mapping[str, Any]) -> None:
+    def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.status = int(problem.get("status", 0))
         self.title = str(problem.get("title", ""))
@@ -17,9 +16,9 @@ class ProblemError(Exception):
         super().__init__(f"{self.title}: {self.detail}" if self.title else self.detail)
 
     @property
-    def errors(self) -> list[dict[str, Any]]:
+    def errors(self) -> list[ProblemField]:
         """The fields, columns or parameters that are wrong: pointer and detail of each."""
-        return list(self.problem.get("errors", []))
+        return self.problem.get("errors") or []
 
 
 class JobFailed(ProblemError):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal, Unpack
+from typing import Literal, Unpack
 
+from dynident_client import answers
 from dynident_client.collection import Collection
 from dynident_client.descriptions import MeasurementOptions, RevisionOptions, RobotOptions
 from dynident_client.labels import Labelled
@@ -25,7 +26,7 @@ class Robots(Labelled[Robot]):
         *,
         urdf: Path | str | None = None,
         mjcf: Path | str | None = None,
-        modified_dh: Mapping[str, Any] | str | None = None,
+        modified_dh: Mapping[str, object] | str | None = None,
         **more: Unpack[RobotOptions],
     ) -> Robot:
         """Store a robot from its URDF or MJCF (a path, or the text) or its modified Denavit-Hartenberg table."""
@@ -37,11 +38,11 @@ class Robots(Labelled[Robot]):
         text = content.read_text() if isinstance(content, Path) else content
         return self._post({"name": name, "description": {"format": form, "content": text}, **more})
 
-    def geometry(self, robot: Robot | str) -> dict[str, Any]:
+    def geometry(self, robot: Robot | str) -> answers.GeometryView:
         """Read where the robot's links are: the frames of its joints capsules around what they carry, and meshes."""
-        return dict(self._transport.get(f"{self.path}/{id_of(robot)}/geometry"))
+        return self._transport.get(f"{self.path}/{id_of(robot)}/geometry", answers.GeometryView)
 
-    def send_meshes(self, robot: Robot | str, folder: Path | str) -> dict[str, Any]:
+    def send_meshes(self, robot: Robot | str, folder: Path | str) -> answers.MeshesView:
         """Send the files below a folder that have the name of a mesh of the robot's description.
 
         Gives the meshes that the description names, each with what was stored for it, and the files that are none.
@@ -53,9 +54,9 @@ class Robots(Labelled[Robot]):
             raise ValueError(f"no file below {below} has the name of a mesh of the robot: {', '.join(sorted(needed))}")
         return self.put_meshes(robot, {one.relative_to(below.parent).as_posix(): one for one in found})
 
-    def put_meshes(self, robot: Robot | str, files: Mapping[str, Path]) -> dict[str, Any]:
+    def put_meshes(self, robot: Robot | str, files: Mapping[str, Path]) -> answers.MeshesView:
         """Send files of meshes by their names, as `send_meshes` does those of a folder."""
-        return dict(self._transport.put_files(f"{self.path}/{id_of(robot)}/meshes", files))
+        return self._transport.put_files(f"{self.path}/{id_of(robot)}/meshes", answers.MeshesView, files)
 
     def bundle(self, robot: Robot | str) -> Iterator[bytes]:
         """Give a robot with all that rests on it as a ZIP, in pieces, for `dynident import-robot` elsewhere."""
@@ -67,16 +68,18 @@ class Imports(Collection[Import]):
 
     kind = Import
 
-    def upload(self, robot: Record | str, file: Path | str, **more: Any) -> Import:
+    def upload(
+        self, robot: Record | str, file: Path | str, *, name: str | None = None, **more: Unpack[MeasurementOptions]
+    ) -> Import:
         """Upload a file in any format that is read, to have its columns told.
 
-        `more`: name, role, windows, columns, units, as far as they are known.
+        `more`: role, windows, columns, units, as far as they are known.
         """
         path = Path(file)
-        metadata = {"robot_id": id_of(robot), "name": path.stem, **more}
+        metadata = {"robot_id": id_of(robot), "name": name or path.stem, **more}
         with path.open("rb") as opened:
             return self._record(
-                self._transport.upload(self.path, path.name, opened, {"metadata": json.dumps(metadata)})
+                self._transport.upload(self.path, dict, path.name, opened, {"metadata": json.dumps(metadata)})
             )
 
 
@@ -93,7 +96,7 @@ class Measurements(Labelled[Measurement]):
         metadata = {"robot_id": id_of(robot), "name": name or path.stem, **more}
         with path.open("rb") as opened:
             return self._record(
-                self._transport.upload(self.path, path.name, opened, {"metadata": json.dumps(metadata)})
+                self._transport.upload(self.path, dict, path.name, opened, {"metadata": json.dumps(metadata)})
             )
 
     def revise(self, measurement: Record | str, **changes: Unpack[RevisionOptions]) -> Measurement:
@@ -111,20 +114,20 @@ class Measurements(Labelled[Measurement]):
         start: float | None = None,
         end: float | None = None,
         points: int | None = None,
-    ) -> dict[str, Any]:
+    ) -> answers.RawSignals:
         """Read signals as they were recorded (all q and tau where none is named): t, signals, units, n_samples.
 
         With `points` they are thinned to about so many, extremes among them; else all of them from `start` to `end`.
         """
         path = f"{self.path}/{id_of(measurement)}/raw"
         narrow = {"signals": ",".join(signals) or None, "from": start, "to": end, "points": points}
-        return dict(self._transport.get(path, **narrow))
+        return self._transport.get(path, answers.RawSignals, **narrow)
 
-    def standstills(self, measurement: Record | str) -> dict[str, Any]:
+    def standstills(self, measurement: Record | str) -> answers.Standstills:
         """Read where each joint stands, as stretches of time in s."""
-        return dict(self._transport.get(f"{self.path}/{id_of(measurement)}/standstills"))
+        return self._transport.get(f"{self.path}/{id_of(measurement)}/standstills", answers.Standstills)
 
-    def of_import(self, looked_at: Import, metadata: Mapping[str, Any] | None = None) -> Measurement:
+    def of_import(self, looked_at: Import, metadata: Mapping[str, object] | None = None) -> Measurement:
         """Store a file that was imported, with these metadata or as they are proposed."""
         return self._post({"import_id": looked_at.id, "metadata": dict(metadata or looked_at.proposed)})
 
@@ -146,9 +149,9 @@ class Designs(Collection[Design]):
         """Read the trajectory: t, q…, dq…, ddq… at the sampling rate."""
         return self._transport.get_bytes(f"{self.path}/{id_of(design)}/trajectory", format=format)
 
-    def clearances(self, design: Record | str, points: int = 200) -> dict[str, Any]:
+    def clearances(self, design: Record | str, points: int = 200) -> answers.DesignClearances:
         """Read what every link is nearest to along the motion, at about so many of its samples."""
-        return dict(self._transport.get(f"{self.path}/{id_of(design)}/clearances", points=points))
+        return self._transport.get(f"{self.path}/{id_of(design)}/clearances", answers.DesignClearances, points=points)
 
 
 class Simulations(Collection[Simulation]):
@@ -161,10 +164,10 @@ class Simulations(Collection[Simulation]):
         robot: Record | str,
         *,
         design: Record | str | None = None,
-        trajectory: Mapping[str, Any] | None = None,
-        effects: Sequence[Mapping[str, Any]] | None = None,
+        trajectory: Mapping[str, object] | None = None,
+        effects: Sequence[Mapping[str, object]] | None = None,
         **more: Unpack[SimulationOptions],
     ) -> Simulation:
         """Have a virtual robot make the motion of a design, or a trajectory; the result names the measurement."""
-        motion: dict[str, Any] = {"design_id": None if design is None else id_of(design), "trajectory": trajectory}
+        motion: dict[str, object] = {"design_id": None if design is None else id_of(design), "trajectory": trajectory}
         return self._post({"robot_id": id_of(robot), "effects": effects, **motion, **more})

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from dynident_client.records import Job, Page, Record, id_of
-from dynident_client.transport import Event, Transport
+from dynident_client.transport import Event, Part, Transport
 
 
 class Jobs:
@@ -17,7 +16,7 @@ class Jobs:
 
     def get(self, job: Record | str) -> Job:
         """Tell where a job stands."""
-        return Job(self._transport, self._transport.get(f"{Job.path}/{id_of(job)}"))
+        return Job(self._transport, self._transport.get(f"{Job.path}/{id_of(job)}", dict))
 
     def page(
         self,
@@ -28,7 +27,7 @@ class Jobs:
         kind: str | None = None,
     ) -> Page[Job]:
         """Read a part of the list, newest first."""
-        data: dict[str, Any] = self._transport.get(Job.path, limit=limit, cursor=cursor, state=state, kind=kind)
+        data = self._transport.get(Job.path, Part, limit=limit, cursor=cursor, state=state, kind=kind)
         return Page([Job(self._transport, one) for one in data["items"]], data["cursor"])
 
     def events(self, job: Record | str) -> Iterator[Event]:
@@ -37,4 +36,4 @@ class Jobs:
 
     def cancel(self, job: Record | str) -> Job:
         """Stop a job."""
-        return Job(self._transport, self._transport.post(f"{Job.path}/{id_of(job)}/cancel"))
+        return Job(self._transport, self._transport.post(f"{Job.path}/{id_of(job)}/cancel", dict))

@@ -21,4 +21,4 @@ class Labelled(Collection[RecordT]):
     ) -> RecordT:
         """Change name, tags (all of them) or archive; what is not given stays."""
         body = {"name": name, "tags": None if tags is None else list(tags), "archived": archived}
-        return self._record(self._transport.patch(f"{self.path}/{id_of(resource)}", body))
+        return self._record(self._transport.patch(f"{self.path}/{id_of(resource)}", dict, body))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Unpack
+from typing import Literal, Unpack
 
+from dynident_client import answers
 from dynident_client.collection import Collection, with_identifiers
 from dynident_client.labels import Labelled
 from dynident_client.records import (
@@ -29,7 +30,7 @@ from dynident_client.requests import (
     ValidationOptions,
 )
 
-Effects = Sequence[Mapping[str, Any] | str]
+Effects = Sequence[Mapping[str, object] | str]
 
 
 class Identifications(Labelled[Identification]):
@@ -50,7 +51,7 @@ class Identifications(Labelled[Identification]):
 
         `effects`: ids, or {"effect", "joints"}.
         """
-        body: dict[str, Any] = {
+        body: dict[str, object] = {
             "robot_id": id_of(robot),
             "measurement_ids": [id_of(one) for one in measurements],
             "validation_ids": [id_of(one) for one in validation],
@@ -59,17 +60,17 @@ class Identifications(Labelled[Identification]):
         }
         return self._post(body)
 
-    def create_many(self, bodies: Sequence[Mapping[str, Any]]) -> Batch:
+    def create_many(self, bodies: Sequence[Mapping[str, object]]) -> Batch:
         """Identify many models by one request: all are accepted, or none.
 
         `bodies`: of each {"robot_id", "measurement_ids", …} as the contract has it; resources may stand for ids.
         """
         items = [with_identifiers(body) for body in bodies]
-        return Batch(self._transport, self._transport.post(Batch.path, {"items": items}))
+        return Batch(self._transport, self._transport.post(Batch.path, dict, {"items": items}))
 
     def batch(self, batch: Batch | str) -> Batch:
         """Read which identifications were asked for together, and how many are in which state."""
-        return Batch(self._transport, self._transport.get(f"{Batch.path}/{id_of(batch)}"))
+        return Batch(self._transport, self._transport.get(f"{Batch.path}/{id_of(batch)}", dict))
 
     def forget_batch(self, batch: Batch | str) -> None:
         """Delete what says that they were asked for together; the identifications stay."""
@@ -83,30 +84,30 @@ class Identifications(Labelled[Identification]):
         """Take effects out, off some joints or off all: a new identification, whose parent is this one."""
         return self._post({"effects": _effects(effects), "name": name}, f"/{id_of(identification)}/remove")
 
-    def essential(self, identification: Record | str, *, ratio: float | None = None) -> dict[str, Any]:
+    def essential(self, identification: Record | str, *, ratio: float | None = None) -> answers.EssentialView:
         """Read the essential parameters, found by backward elimination, with the errors along the way."""
-        return dict(self._transport.get(f"{self.path}/{id_of(identification)}/essential", ratio=ratio))
+        return self._transport.get(f"{self.path}/{id_of(identification)}/essential", answers.EssentialView, ratio=ratio)
 
-    def correlation(self, identification: Record | str) -> dict[str, Any]:
+    def correlation(self, identification: Record | str) -> answers.CorrelationView:
         """Read the correlation of the estimates, and what the motion determines only together, in words."""
-        return dict(self._transport.get(f"{self.path}/{id_of(identification)}/correlation"))
+        return self._transport.get(f"{self.path}/{id_of(identification)}/correlation", answers.CorrelationView)
 
-    def verdict(self, identification: Record | str) -> dict[str, Any]:
+    def verdict(self, identification: Record | str) -> answers.VerdictView:
         """Read for which uses the model is fit and why or why not, and whether to stop: uses, held_out, stop, …."""
-        return dict(self._transport.get(f"{self.path}/{id_of(identification)}/verdict"))
+        return self._transport.get(f"{self.path}/{id_of(identification)}/verdict", answers.VerdictView)
 
-    def lineage(self, identification: Record | str) -> list[dict[str, Any]]:
+    def lineage(self, identification: Record | str) -> list[answers.Rung]:
         """Read the ladder of models that led to this one, the first one first.
 
         What an extension by several effects made on its way has the id "{id}/1", … and says what it is `part_of`.
         `best` marks the smallest validation error, `rises` the rungs above it whose error is larger.
         """
-        return list(self._transport.get(f"{self.path}/{id_of(identification)}/lineage")["items"])
+        return self._transport.get(f"{self.path}/{id_of(identification)}/lineage", answers.Lineage)["items"]
 
-    def compare_lineages(self, identification: Record | str, against: Record | str) -> dict[str, Any]:
+    def compare_lineages(self, identification: Record | str, against: Record | str) -> answers.Lineage:
         """Read two ladders beside each other: items, against, common_ancestor, and the differences rung by rung."""
         path = f"{self.path}/{id_of(identification)}/lineage"
-        return dict(self._transport.get(path, against=id_of(against)))
+        return self._transport.get(path, answers.Lineage, against=id_of(against))
 
     def export(
         self,
@@ -147,32 +148,34 @@ class Comparisons(Collection[Comparison]):
         start: float | None = None,
         end: float | None = None,
         points: int | None = None,
-    ) -> dict[str, Any]:
+    ) -> answers.Series:
         """Read a joint's measured and predicted torque over time, thinned for plotting.
 
         Where the joint stands (`standing`) the prediction is a band from `lower` to `upper`.
         """
         path = f"{self.path}/{id_of(comparison)}/series"
-        return dict(self._transport.get(path, joint=joint, from_=start, to=end, points=points))
+        return self._transport.get(path, answers.Series, joint=joint, from_=start, to=end, points=points)
 
     def residual_map(
         self, comparison: Record | str, joint: str, x: str, y: str | None = None, *, bins: int | None = None
-    ) -> dict[str, Any]:
+    ) -> answers.ResidualMap:
         """Read mean, spread and count of a joint's residual over any two signals."""
         path = f"{self.path}/{id_of(comparison)}/residual_map"
-        return dict(self._transport.get(path, joint=joint, x=x, y=y, bins=bins))
+        return self._transport.get(path, answers.ResidualMap, joint=joint, x=x, y=y, bins=bins)
 
     def spectrum(
         self, comparison: Record | str, joint: str, over: Literal["angle", "time"] | None = None
-    ) -> dict[str, Any]:
+    ) -> answers.Spectrum:
         """Read the amplitude spectrum of a joint's residual, over time or over its own angle."""
         path = f"{self.path}/{id_of(comparison)}/spectrum"
-        return dict(self._transport.get(path, joint=joint, over=over))
+        return self._transport.get(path, answers.Spectrum, joint=joint, over=over)
 
-    def autocorrelation(self, comparison: Record | str, joint: str, *, longest: float | None = None) -> dict[str, Any]:
+    def autocorrelation(
+        self, comparison: Record | str, joint: str, *, longest: float | None = None
+    ) -> answers.AutocorrelationView:
         """Read the autocorrelation of a joint's residual up to a lag in s, and its effective number of samples."""
         path = f"{self.path}/{id_of(comparison)}/autocorrelation"
-        return dict(self._transport.get(path, joint=joint, longest=longest))
+        return self._transport.get(path, answers.AutocorrelationView, joint=joint, longest=longest)
 
 
 class Diagnoses(Collection[Diagnosis]):
@@ -192,7 +195,7 @@ class Diagnoses(Collection[Diagnosis]):
 
         With earlier measurements of the same robot as the baseline, its result says what has changed since (`changes`).
         """
-        body: dict[str, Any] = {
+        body: dict[str, object] = {
             "identification_id": id_of(identification),
             "measurement_ids": None if measurements is None else [id_of(one) for one in measurements],
             "baseline_ids": [id_of(one) for one in baseline],
@@ -200,9 +203,9 @@ class Diagnoses(Collection[Diagnosis]):
         }
         return self._post(body)
 
-    def evidence(self, diagnosis: Record | str, rank: int, joint: str | None = None) -> dict[str, Any]:
+    def evidence(self, diagnosis: Record | str, rank: int, joint: str | None = None) -> answers.Evidence:
         """Read the figure behind a ranked effect: the residual over what it depends on, with the fitted effect."""
-        return dict(self._transport.get(f"{self.path}/{id_of(diagnosis)}/evidence", rank=rank, joint=joint))
+        return self._transport.get(f"{self.path}/{id_of(diagnosis)}/evidence", answers.Evidence, rank=rank, joint=joint)
 
 
 class SeriesOfDays(Collection[Series]):
@@ -224,7 +227,7 @@ class SeriesOfDays(Collection[Series]):
         `days`: the measurements of each, in their order; `names` of the days. `continues`: a series of the same model
         whose days come first and are not read again.
         """
-        asked: list[dict[str, Any]] = [{"measurement_ids": [id_of(one) for one in day]} for day in days]
+        asked: list[dict[str, object]] = [{"measurement_ids": [id_of(one) for one in day]} for day in days]
         for day, called in zip(asked, names or (), strict=False):
             day["name"] = called
         body = {
@@ -255,7 +258,7 @@ class Validations(Collection[Validation]):
     ) -> Validation:
         """Try a model."""
         measurement_ids = None if measurements is None else [id_of(one) for one in measurements]
-        body: dict[str, Any] = {
+        body: dict[str, object] = {
             "identification_id": id_of(identification),
             "kind": kind,
             "measurement_ids": measurement_ids,
@@ -284,7 +287,7 @@ class DriveGainSets(Collection[DriveGains]):
         `weigh`: measurements of other loads, weighed with the gains against `weigh_unloaded` (`unloaded` where not
         given).
         """
-        body: dict[str, Any] = {
+        body: dict[str, object] = {
             "robot_id": id_of(robot),
             "unloaded": [id_of(one) for one in unloaded],
             "loaded": [id_of(one) for one in loaded],
@@ -313,7 +316,7 @@ class CurrentModelSets(Collection[CurrentModels]):
 
         `robot`: with a drive gain for every joint, 1 where nobody knows it. `effects`: ids, or {"effect", "joints"}.
         """
-        body: dict[str, Any] = {
+        body: dict[str, object] = {
             "robot_id": id_of(robot),
             "measurement_ids": [id_of(one) for one in measurements],
             "validation_ids": [id_of(one) for one in validation],
@@ -339,7 +342,7 @@ class Reports(Collection[Report]):
         **more: Unpack[ReportOptions],
     ) -> Report:
         """Write a report of a model."""
-        body: dict[str, Any] = {
+        body: dict[str, object] = {
             "identification_id": id_of(identification),
             "diagnosis_id": None if diagnosis is None else id_of(diagnosis),
             "design_id": None if design is None else id_of(design),
@@ -354,5 +357,5 @@ class Reports(Collection[Report]):
         return self._transport.get_bytes(f"{self.path}/{id_of(report)}/content")
 
 
-def _effects(effects: Effects) -> list[dict[str, Any]]:
+def _effects(effects: Effects) -> list[dict[str, object]]:
     return [{"effect": one} if isinstance(one, str) else dict(one) for one in effects]

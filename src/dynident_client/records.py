@@ -6,10 +6,13 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
 
+from dynident_client import answers
+from dynident_client.descriptions import MeasurementOptions
 from dynident_client.errors import JobCancelled, JobFailed
 from dynident_client.transport import Event, Transport
 
 RecordT = TypeVar("RecordT", bound="Record")
+ResultT = TypeVar("ResultT")
 OnProgress = Callable[[float, str], None]
 
 
@@ -42,11 +45,11 @@ class Record:
 
     def refresh(self) -> Self:
         """Read it again."""
-        self.data = self._transport.get(f"{self.path}/{self.id}")
+        self.data = self._transport.get(f"{self.path}/{self.id}", dict)
         return self
 
 
-class Computed(Record):
+class Computed(Record, Generic[ResultT]):
     """A resource that a job computes."""
 
     @property
@@ -55,12 +58,12 @@ class Computed(Record):
         return str(self.data["status"])
 
     @property
-    def result(self) -> dict[str, Any]:
+    def result(self) -> ResultT:
         """What came out, once the status is succeeded."""
-        found = self.data.get("result")
+        found: ResultT | None = self.data.get("result")
         if found is None:
             raise LookupError(f"{self.id} is {self.status}: there is no result; wait() for it")
-        return dict(found)
+        return found
 
     @property
     def job_id(self) -> str:
@@ -92,7 +95,7 @@ class Computed(Record):
 
     def cancel(self) -> None:
         """Stop the computation."""
-        self._transport.post(f"/v1/jobs/{self.job_id}/cancel")
+        self._transport.post(f"/v1/jobs/{self.job_id}/cancel", dict)
 
 
 class Robot(Record):
@@ -101,9 +104,16 @@ class Robot(Record):
     path = "/v1/robots"
 
     @property
-    def joints(self) -> list[dict[str, Any]]:
+    def joints(self) -> list[answers.JointView]:
         """Name, type and limits of each moving joint."""
         return list(self.data["joints"])
+
+
+class Proposed(MeasurementOptions, total=False):
+    """What is said about a file, with its robot and its name."""
+
+    robot_id: str
+    name: str | None
 
 
 class Import(Record):
@@ -112,12 +122,13 @@ class Import(Record):
     path = "/v1/imports"
 
     @property
-    def proposed(self) -> dict[str, Any]:
+    def proposed(self) -> Proposed:
         """Metadata that are proposed for the file."""
-        return dict(self.data["proposed"])
+        found: Proposed = self.data["proposed"]
+        return found
 
     @property
-    def questions(self) -> list[dict[str, Any]]:
+    def questions(self) -> list[answers.QuestionView]:
         """What has to be answered before it can be used."""
         return list(self.data["questions"])
 
@@ -128,7 +139,7 @@ class Measurement(Record):
     path = "/v1/measurements"
 
     @property
-    def checks(self) -> list[dict[str, Any]]:
+    def checks(self) -> list[answers.CheckView]:
         """What was looked at, and found."""
         return list(self.data["checks"])
 
@@ -138,19 +149,19 @@ class Measurement(Record):
         return dict(self.data.get("phases") or {})
 
 
-class Design(Computed):
+class Design(Computed[answers.DesignResult]):
     """A designed experiment."""
 
     path = "/v1/designs"
 
 
-class Simulation(Computed):
+class Simulation(Computed[answers.SimulationResult]):
     """A measured virtual robot."""
 
     path = "/v1/simulations"
 
 
-class Identification(Computed):
+class Identification(Computed[answers.IdentificationResult]):
     """An identified model."""
 
     path = "/v1/identifications"
@@ -172,43 +183,43 @@ class Batch(Record):
         return [Identification(self._transport, one) for one in self.data["items"]]
 
 
-class Comparison(Computed):
+class Comparison(Computed[answers.ComparisonResult]):
     """A model beside a measurement."""
 
     path = "/v1/comparisons"
 
 
-class Diagnosis(Computed):
+class Diagnosis(Computed[answers.DiagnosisResult]):
     """What is missing in a model."""
 
     path = "/v1/diagnoses"
 
 
-class Series(Computed):
+class Series(Computed[answers.SeriesResult]):
     """A robot over many days."""
 
     path = "/v1/series"
 
 
-class Validation(Computed):
+class Validation(Computed[answers.ValidationResult]):
     """A trial of a model."""
 
     path = "/v1/validations"
 
 
-class DriveGains(Computed):
+class DriveGains(Computed[answers.DriveGainsResult]):
     """Drive gains from runs without and with a known load."""
 
     path = "/v1/drive_gains"
 
 
-class CurrentModels(Computed):
+class CurrentModels(Computed[answers.CurrentModelsResult]):
     """Every joint's parameters in units of its current."""
 
     path = "/v1/current_models"
 
 
-class Report(Computed):
+class Report(Computed[answers.ReportResult]):
     """A report."""
 
     path = "/v1/reports"

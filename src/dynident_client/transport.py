@@ -7,11 +7,16 @@ import uuid
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, NoReturn
+from typing import IO, Any, NoReturn, TypedDict, TypeVar
 
 import httpx2
 
+from dynident_client.answers import Problem
 from dynident_client.errors import ProblemError
+
+T = TypeVar("T")
+Param = str | int | float | bool | None
+"""What a query may state; None is left out."""
 
 TRIES = 4
 PAUSE = 0.25
@@ -30,6 +35,13 @@ class Event:
     data: Mapping[str, Any]
 
 
+class Part(TypedDict):
+    """A part of a list, as it is answered."""
+
+    items: list[dict[str, Any]]
+    cursor: str | None
+
+
 class Transport:
     """A connection to one service."""
 
@@ -39,15 +51,16 @@ class Transport:
         headers = {} if api_key is None else {"Authorization": f"Bearer {api_key}"}
         self._http = httpx2.Client(base_url=base_url, headers=headers, timeout=timeout, transport=transport)
 
-    def get(self, path: str, **params: Any) -> Any:
-        """Read JSON."""
-        return self._send("GET", path, params=params).json()
+    def get(self, path: str, answer: type[T], **params: Param) -> T:
+        """Read JSON: an answer of this type, by the contract."""
+        found: T = self._send("GET", path, params=params).json()
+        return found
 
-    def get_bytes(self, path: str, **params: Any) -> bytes:
+    def get_bytes(self, path: str, **params: Param) -> bytes:
         """Read bytes."""
         return self._send("GET", path, params=params).content
 
-    def stream(self, path: str, **params: Any) -> Iterator[bytes]:
+    def stream(self, path: str, **params: Param) -> Iterator[bytes]:
         """Read bytes in pieces."""
         with self._http.stream("GET", path, params=_given(params)) as answer:
             if answer.is_error:
@@ -55,23 +68,28 @@ class Transport:
                 _raise_problem(answer)
             yield from answer.iter_bytes()
 
-    def post(self, path: str, body: Mapping[str, Any] | None = None) -> Any:
+    def post(self, path: str, answer: type[T], body: Mapping[str, object] | None = None) -> T:
         """Send JSON; a try whose answer was lost is repeated without doing the work twice."""
-        return self._send("POST", path, json=None if body is None else _given(body)).json()
+        found: T = self._send("POST", path, json=None if body is None else _given(body)).json()
+        return found
 
-    def patch(self, path: str, body: Mapping[str, Any]) -> Any:
+    def patch(self, path: str, answer: type[T], body: Mapping[str, object]) -> T:
         """Send changes as JSON."""
-        return self._send("PATCH", path, json=_given(body)).json()
+        found: T = self._send("PATCH", path, json=_given(body)).json()
+        return found
 
-    def upload(self, path: str, name: str, file: IO[bytes], fields: Mapping[str, str]) -> Any:
+    def upload(self, path: str, answer: type[T], name: str, file: IO[bytes], fields: Mapping[str, str]) -> T:
         """Send a file and fields as a form."""
-        return self._send("POST", path, files={"file": (name, file)}, data=dict(fields), rewind=file).json()
+        sent = self._send("POST", path, files={"file": (name, file)}, data=dict(fields), rewind=file)
+        found: T = sent.json()
+        return found
 
-    def put_files(self, path: str, files: Mapping[str, Path]) -> Any:
+    def put_files(self, path: str, answer: type[T], files: Mapping[str, Path]) -> T:
         """Put several files, by the names that they have in the form."""
         # Each is as large as a drawing of a part: small beside what a recording may be, which is streamed.
         form = [("files", (name, file.read_bytes())) for name, file in files.items()]
-        return self._send("PUT", path, files=form).json()
+        found: T = self._send("PUT", path, files=form).json()
+        return found
 
     def delete(self, path: str) -> None:
         """Delete."""
@@ -132,7 +150,7 @@ class Transport:
                 rewind.seek(0)
 
 
-def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+def _given(values: Mapping[str, T]) -> dict[str, T]:
     """Leave out what nobody gave."""
     return {name.removesuffix("_"): value for name, value in values.items() if value is not None}
 
@@ -144,8 +162,8 @@ def _asked_to_wait(answer: httpx2.Response) -> float | None:
 
 
 def _raise_problem(answer: httpx2.Response) -> NoReturn:
-    problem: dict[str, Any] = {}
+    problem: Problem = {}
     if "problem+json" in answer.headers.get("content-type", ""):
         problem = answer.json()
-    stated = {"status": answer.status_code, "title": answer.reason_phrase, "detail": answer.text[:500]}
+    stated: Problem = {"status": answer.status_code, "title": answer.reason_phrase, "detail": answer.text[:500]}
     raise ProblemError({**stated, **problem})

@@ -52,7 +52,7 @@ def awaited() -> Iterator[Awaited]:
 def ask(awaited: Awaited, name: str, client: Client | None = None, longest: float = 60.0, **arguments: Any) -> Any:
     async def call() -> Any:
         request = cast(Request, client or Client())
-        return await awaited.call(request, f"small_jobs:{name}", arguments, longest)
+        return await awaited.call(request, f"small_jobs:{name}", object, arguments, longest)
 
     awaited._turns = None  # each test has an event loop of its own
     return anyio.run(call)

@@ -7,7 +7,13 @@ import pytest
 from versions import older_than_locked
 
 import dynident_client
-from dynident_service.client_types import DESCRIPTIONS_FILE, client_types, description_types
+from dynident_service.client_types import (
+    ANSWERS_FOLDER,
+    DESCRIPTIONS_FILE,
+    answer_types,
+    client_types,
+    description_types,
+)
 from dynident_service.client_types import FILE as TYPES
 from dynident_service.openapi import contract
 
@@ -30,3 +36,9 @@ def test_the_types_of_the_client_are_those_of_the_contract() -> None:
 def test_what_the_client_says_of_robots_and_recordings_is_the_contract_s() -> None:
     written = Path(dynident_client.__file__).with_name(Path(DESCRIPTIONS_FILE).name).read_text(encoding="utf-8")
     assert written == description_types(json.loads(contract())), "run `python -m dynident_service.openapi`"
+
+
+def test_what_the_client_says_of_answers_is_the_contract_s() -> None:
+    folder = Path(dynident_client.__file__).with_name(Path(ANSWERS_FOLDER).name)
+    written = {file.name: file.read_text(encoding="utf-8") for file in folder.glob("*.py")}
+    assert written == answer_types(json.loads(contract())), "run `python -m dynident_service.openapi`"

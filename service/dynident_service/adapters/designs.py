@@ -16,7 +16,7 @@ from dynident.excitation.checks import check_request
 from dynident.excitation.formats.ros2 import joint_trajectory
 from dynident.excitation.nearness import nearest_along
 from dynident.motion.surroundings.contacts import Nearest
-from dynident.recordings.arrow import to_numbers
+from dynident.recordings.arrow import as_floats
 from dynident.robot import Robot
 from dynident.simulation import Reference
 from dynident_service.adapters.answers import shown
@@ -107,9 +107,9 @@ def stored_reference(path: Path, joints: list[str]) -> Reference:
     table = pq.read_table(path)
 
     def matrix(kind: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-        return np.column_stack([to_numbers(table[f"{kind}_{joint}"]) for joint in joints])
+        return np.column_stack([as_floats(table[f"{kind}_{joint}"]) for joint in joints])
 
-    return Reference(to_numbers(table["t"]), matrix("q"), matrix("dq"), matrix("ddq"))
+    return Reference(as_floats(table["t"]), matrix("q"), matrix("dq"), matrix("ddq"))
 
 
 def clearances_of(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment
 from dynident.diagnosis.result import Change, ChangedValue
@@ -40,7 +39,7 @@ def show_next(advice: NextExperiment, robot_id: str, measurement_ids: Sequence[s
     return shown(wire.NextExperiment, advice, design={"robot_id": robot_id, "kind": advice.design.kind, **body})
 
 
-def diagnosis_of(stored: Mapping[str, Any]) -> AdvisedDiagnosis:
+def diagnosis_of(stored: Mapping[str, object]) -> AdvisedDiagnosis:
     """Make the diagnosis of a stored result."""
     told = wire.DiagnosisResult.model_validate(stored)
     return known(

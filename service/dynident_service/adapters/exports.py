@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import Any
 
 from fastapi import Response
 
@@ -17,7 +16,7 @@ NOTES_HEADER = "Dynident-Notes"
 _LONGEST = 3000
 
 
-def exported_file(model: Identification, format: ExportFormat, nearest: bool, shown: dict[str, Any]) -> ExportedFile:
+def exported_file(model: Identification, format: ExportFormat, nearest: bool, shown: dict[str, object]) -> ExportedFile:
     """Write a model; as JSON together with what the service shows of it.
 
     Raises

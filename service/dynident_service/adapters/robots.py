@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any
 
 from dynident.robot import Description, Drive, Joint, Limits, Robot, robot_from_description
 from dynident.robot.collision import collision_meshes
@@ -13,12 +12,12 @@ from dynident_service.adapters.derived import body, taken
 from dynident_service.models import robots as wire
 
 
-def robot_of(stored: Mapping[str, Any]) -> Robot:
+def robot_of(stored: Mapping[str, object]) -> Robot:
     """Make the robot of a stored request."""
     return robot_from_request(wire.RobotRequest.model_validate(stored))
 
 
-def robot_described(stored: Mapping[str, Any]) -> Robot:
+def robot_described(stored: Mapping[str, object]) -> Robot:
     """The same, remembered for the next request about this robot."""
     return _remembered(json.dumps(stored, sort_keys=True))
 

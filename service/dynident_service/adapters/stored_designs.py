@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from dynident.excitation import CriterionValues, Design
 from dynident.excitation.criteria.baseline import Baseline
@@ -13,7 +12,7 @@ from dynident_service.adapters.designs import design_request, stored_reference
 from dynident_service.models import designs as wire
 
 
-def design_of(request: Mapping[str, Any], result: Mapping[str, Any], trajectory: Path) -> Design:
+def design_of(request: Mapping[str, object], result: Mapping[str, object], trajectory: Path) -> Design:
     """Take a stored design: its request, its result, and the file of its trajectory."""
     asked, told = wire.DesignRequest.model_validate(request), wire.DesignResult.model_validate(result)
     motion = stored_reference(trajectory, told.joints)

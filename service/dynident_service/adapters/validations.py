@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dynident.kinds import document_of
 from dynident.validation import (
@@ -15,6 +15,7 @@ from dynident.validation import (
     MethodResult,
     MethodsValidation,
     PayloadValidation,
+    SimulationValidation,
     TorqueValidation,
     together,
 )
@@ -23,6 +24,9 @@ from dynident_service.adapters.answers import show_errors, shown
 from dynident_service.adapters.derived import taken
 from dynident_service.models import validations as wire
 
+if TYPE_CHECKING:
+    from dynident.validation.request import TrialResult
+
 
 def trial_from_request(asked: wire.ValidationRequest) -> Trial:
     """Take the validation that is asked for off the wire; `DynidentError` for what its kind does not take."""
@@ -30,7 +34,7 @@ def trial_from_request(asked: wire.ValidationRequest) -> Trial:
     return trial_of(asked.kind, {one.name: getattr(stated, one.name) for one in fields(stated)})
 
 
-def describe(trial: Trial, found: Any, measurement_ids: Sequence[str]) -> wire.ValidationResult:
+def describe(trial: Trial, found: TrialResult, measurement_ids: Sequence[str]) -> wire.ValidationResult:
     """Describe what a validation gave, for the measurements that it was tried on."""
     match found:
         case TorqueValidation():
@@ -49,18 +53,22 @@ def describe(trial: Trial, found: Any, measurement_ids: Sequence[str]) -> wire.V
             return _result(trial, found, methods=[_method(one, found.parameters) for one in found.results])
         case FiltersBySimulation():
             return _result(trial, found, filters=_filters(found))
-    named = list(zip(measurement_ids, found, strict=True))
+    named = zip(measurement_ids, found, strict=True)
     if isinstance(trial, Payload):
-        return _of_several(trial, found, payloads=[_payload(one, identifier) for identifier, one in named])
+        weighed = [_payload(one, identifier) for identifier, one in named if isinstance(one, PayloadValidation)]
+        return _of_several(trial, found, payloads=weighed)
     simulated = [shown(wire.SimulationOnMeasurement, one, measurement_id=identifier) for identifier, one in named]
-    return _of_several(trial, found, simulations=simulated, limit=found[0].limit if found else None)
+    limits = [one.limit for one in found if isinstance(one, SimulationValidation)]
+    return _of_several(trial, found, simulations=simulated, limit=limits[0] if limits else None)
 
 
 def _result(trial: Trial, found: object, **more: object) -> wire.ValidationResult:
     return shown(wire.ValidationResult, found, kind=trial.name, **more)
 
 
-def _of_several(trial: Trial, found: Sequence[Any], **more: object) -> wire.ValidationResult:
+def _of_several(
+    trial: Trial, found: Sequence[PayloadValidation | SimulationValidation], **more: object
+) -> wire.ValidationResult:
     judged = together([(one.name, one.judged) for one in found])
     return _result(trial, None, verdict=judged.verdict, reason=judged.reason, **more)
 

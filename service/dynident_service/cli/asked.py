@@ -34,7 +34,7 @@ class Typed:
 
     values: Mapping[str, Any] = field(default_factory=dict)
 
-    def request(self, science: type[T], **more: Any) -> T:
+    def request(self, science: type[T], **more: object) -> T:
         """The request that was typed; `more` are fields that are no options.
 
         Raises

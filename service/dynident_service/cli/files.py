@@ -19,7 +19,7 @@ class LookedFor:
     check: Callable[[Any], None]
 
 
-def check_inputs(command: Callable[..., None], given: Mapping[str, Any]) -> None:
+def check_inputs(command: Callable[..., None], given: Mapping[str, object]) -> None:
     """Raise `DynidentError` where an option of a command names what is not there."""
     for name, hint in get_type_hints(command, include_extras=True).items():
         if get_origin(hint) is Annotated:

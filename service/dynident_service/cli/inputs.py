@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
@@ -197,7 +197,7 @@ def stored_diagnosis(path: Path) -> AdvisedDiagnosis:
         ) from error
 
 
-def document_of(path: Path) -> Mapping[str, Any]:
+def document_of(path: Path) -> Mapping[str, object]:
     """Read a JSON object."""
     try:
         document = json.loads(read_text(path))

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 from pydantic import ValidationError
 
@@ -24,7 +24,7 @@ _ELSEWHERE = ("name", "format", "role", "accept")
 """What is told by the file itself, or has options and commands of its own."""
 
 
-def proposed(found: Inspection) -> dict[str, Any]:
+def proposed(found: Inspection) -> dict[str, object]:
     """The metadata that are proposed, with what is still to be answered."""
     assert found.proposal is not None
     return {

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from dynident_service.cli.files import A_ROBOT, TO_READ, known_arms
 
 
-def several(*names: str, metavar: str, help: str) -> Any:
+def several(*names: str, metavar: str, help: str) -> object:
     """An option that may be given any number of times."""
     return typer.Option(*names, metavar=metavar, help=help, default_factory=list, show_default=False)
 

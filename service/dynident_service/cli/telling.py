@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from rich.console import Console
 
@@ -19,7 +18,7 @@ from dynident_service.models.common import plain
 
 
 def tell(
-    result: Result, what: str, document: Mapping[str, Any], show: Callable[[Console], None], content: bytes = b""
+    result: Result, what: str, document: Mapping[str, object], show: Callable[[Console], None], content: bytes = b""
 ) -> None:
     """Write what came out where it was asked for, its document where there is no `content`, and tell of it."""
     if result.out is not None:

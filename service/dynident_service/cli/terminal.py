@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
@@ -29,7 +28,7 @@ def err() -> Console:
     return Console(file=sys.stderr, highlight=False)
 
 
-def print_json(document: Mapping[str, Any]) -> None:
+def print_json(document: Mapping[str, object]) -> None:
     """A document on stdout, for scripts."""
     sys.stdout.write(json.dumps(document, indent=2, allow_nan=False) + "\n")
 

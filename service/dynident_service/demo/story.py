@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
@@ -47,7 +46,7 @@ class Outcome:
         hidden = self.scenario.hidden
         return (names.index(hidden.joint),) if hidden is not None and hidden.joint else tuple(range(len(names)))
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> dict[str, object]:
         """The outcome for programs."""
         found, hidden = self.analysis, self.scenario.hidden
         return {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from typing import Any, cast
 
-from distributed import WorkerPlugin, get_worker, secede
+from distributed import Worker, WorkerPlugin, get_worker, secede
 
 from dynident.version import __version__
 from dynident_service.jobs.nursery import Nursery
@@ -31,7 +31,7 @@ class Children(WorkerPlugin):
         self.place = place
         self.version = __version__
 
-    def setup(self, worker: Any) -> None:
+    def setup(self, worker: Worker) -> None:
         """Start the children, when the worker starts."""
         if self.version != __version__:
             raise RuntimeError(f"this worker has dynident {__version__}, the service {self.version}; install the same")
@@ -39,7 +39,7 @@ class Children(WorkerPlugin):
         self.pool = ChildPool(worker.state.nthreads, self.nursery)
         self.ledger = Ledger(Database(self.place.database_url), self.place.max_attempts)
 
-    def teardown(self, worker: Any) -> None:
+    def teardown(self, worker: Worker) -> None:
         """Kill the children, when the worker ends; what they did is given back."""
         self.pool.close()
         self.nursery.close()

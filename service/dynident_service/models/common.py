@@ -88,7 +88,7 @@ class EffectChoice(Asked):
     runs: list[str] = Field(default=[], description="Names of the measurements, or labels of their runs, that it is in")
 
 
-def plain(model: BaseModel) -> dict[str, Any]:
+def plain(model: BaseModel) -> dict[str, object]:
     """Give a model as it is stored: JSON values only, nothing that is not finite."""
     stored: dict[str, Any] = json.loads(model.model_dump_json())
     return stored

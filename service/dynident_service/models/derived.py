@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, create_model
 from pydantic import Field as wire_field
+from pydantic.config import JsonDict, JsonValue
 
 from dynident.asking import Named, Said, default_of, said_of
 from dynident.kinds import Kind, Kinds
@@ -63,7 +64,7 @@ def asks(
     return made
 
 
-def query_of(science: type) -> Any:
+def query_of(science: type) -> object:
     """The parameters of a query that ask for a request of the science; others are ignored."""
     derived: dict[str, Any] = {one.name: _derived(science, one) for one in fields(science)}
     return create_model(science.__name__, __base__=Queried, **derived)
@@ -91,9 +92,11 @@ def _derived(science: type, one: Field[Any], or_null: bool = False) -> tuple[Any
     return hint, _described(about, default, sized=several or hint is str)
 
 
-def choices_shown(kinds: Named) -> dict[str, Any]:
+def choices_shown(kinds: Named) -> JsonDict:
     """What a schema says of a field that is one of several."""
-    shown = [{"name": one.name, "label": one.label or one.name, "words": one.words} for one in kinds.choices]
+    shown: list[JsonValue] = [
+        {"name": one.name, "label": one.label or one.name, "words": one.words} for one in kinds.choices
+    ]
     return {"x-choices": shown}
 
 

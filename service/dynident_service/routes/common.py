@@ -10,6 +10,7 @@ from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Header, Query, Request, Response
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from dynident_service.models.common import Computed, Page, Progress
 from dynident_service.problems import Problem, ProblemError, fields_of, unusable, validation_problem
@@ -123,7 +124,7 @@ def again(known: Resource, response: Response) -> Resource:
     return known
 
 
-def computed(view: type[ComputedT], resource: Resource, **more: Any) -> ComputedT:
+def computed(view: type[ComputedT], resource: Resource, **more: object) -> ComputedT:
     """Show a resource that a job computes."""
     job = resource.job
     assert job is not None
@@ -175,5 +176,5 @@ def stated(kind: type[BodyT], text: str | bytes, pointer: str = "") -> BodyT:
     try:
         return kind.model_validate_json(text)
     except ValidationError as error:
-        errors = [{**one, "loc": ("body", *one["loc"])} for one in error.errors()]
+        errors: list[ErrorDetails] = [{**one, "loc": ("body", *one["loc"])} for one in error.errors()]
         raise ProblemError.of(validation_problem(fields_of(errors, said, pointer))) from error

@@ -91,5 +91,5 @@ async def get_clearances(
             "points": points,
         }
 
-    found = await services.awaited.call(request, CLEARANCES, await to_thread.run_sync(asked))
+    found = await services.awaited.call(request, CLEARANCES, dict, await to_thread.run_sync(asked))
     return DesignClearances.model_validate(found)

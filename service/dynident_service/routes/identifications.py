@@ -159,6 +159,7 @@ async def export_identification(
     asked: Annotated[ExportQuery, Query()],
 ) -> Response:
     """Give the identified model in a format that other programs read."""
+    from dynident.export import ExportedFile
     from dynident_service.adapters.exports import file_response
 
     def find() -> dict[str, Any]:
@@ -169,7 +170,9 @@ async def export_identification(
 
     model = await model_file(services, identification_id)
     wanted = {"format": asked.format, "nearest": asked.nearest, "shown": await to_thread.run_sync(find)}
-    return file_response(await services.awaited.call(request, f"{AWAITED}:export", {"model": model, **wanted}))
+    return file_response(
+        await services.awaited.call(request, f"{AWAITED}:export", ExportedFile, {"model": model, **wanted})
+    )
 
 
 def named_in(body: IdentificationRequest) -> tuple[str, ...]:

@@ -53,7 +53,7 @@ async def import_file(
         if robot is None or robot.kind != "robot":
             raise unusable(f"there is no robot {said.robot_id!r}", "/metadata/robot_id", title="Unknown resource")
         arguments = {"source": str(source), "robot": dict(robot.request), "metadata": plain(said), "sha256": sha256}
-        result = await services.awaited.call(request, LOOK, arguments, LONGEST_LOOK)
+        result = await services.awaited.call(request, LOOK, dict, arguments, LONGEST_LOOK)
         return await to_thread.run_sync(lambda: show(_store(services, said, source, result, key, response)))
 
 

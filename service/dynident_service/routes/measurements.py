@@ -76,7 +76,7 @@ async def upload_measurement(
         received = await to_thread.run_sync(_receive, services, said, file, Path(name), retry)
         if received.known is not None:
             return show(again(received.known, response))
-        result = await services.awaited.call(request, IMPORT, received.to_import(), LONGEST_IMPORT)
+        result = await services.awaited.call(request, IMPORT, dict, received.to_import(), LONGEST_IMPORT)
         return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
 
 
@@ -89,7 +89,7 @@ async def _of_import(request: Request, services: Services, retry: RetryKey, resp
         received = await to_thread.run_sync(_imported, services, asked, Path(name), retry)
         if received.known is not None:
             return show(again(received.known, response))
-        result = await services.awaited.call(request, IMPORT, received.to_import(), LONGEST_IMPORT)
+        result = await services.awaited.call(request, IMPORT, dict, received.to_import(), LONGEST_IMPORT)
         return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
 
 

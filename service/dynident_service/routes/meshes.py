@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -80,18 +80,17 @@ def get_geometry(robot_id: str, services: ServicesDep) -> GeometryView | Respons
 
 
 async def inherited(
-    request: Request, services: Services, source_id: str | None, described: Mapping[str, Any], asked: Mapping[str, Any]
-) -> tuple[dict[str, Any], tuple[Owned, ...]]:
-    """What a new robot has of another one's meshes: its description for the wire with them, and the objects."""
+    request: Request, services: Services, source_id: str | None, named: Set[str], asked: Mapping[str, object]
+) -> tuple[Owned, ...]:
+    """What a new robot, whose description names these meshes, has of another one's."""
     if source_id is None:
-        return dict(described), ()
+        return ()
     source = await to_thread.run_sync(services.resources.find, source_id)
     if source is None or source.kind != "robot":
         raise unusable(f"there is no robot {source_id!r}", "/meshes_of", title="Unknown resource")
-    named = {one["name"] for one in described["meshes"]}
     kept = {name: file for name, file in meshes_of(source).items() if name in named}
     if not kept:
-        return dict(described), ()
+        return ()
     folder = services.settings.uploads_dir
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as name:
@@ -99,7 +98,7 @@ async def inherited(
     owned = [
         replace(taken.files[one["name"]], role=role_of(k)) for k, one in enumerate(taken.named) if one["name"] in kept
     ]
-    return dict(described), (*taken.objects, *owned)
+    return (*taken.objects, *owned)
 
 
 def _receive(services: Services, files: Sequence[UploadFile], folder: Path) -> dict[str, Path]:
@@ -138,7 +137,7 @@ async def _taken(
             "destination": str(geometry),
         }
 
-    found = await services.awaited.call(request, TAKE, await to_thread.run_sync(asked))
+    found = await services.awaited.call(request, TAKE, dict, await to_thread.run_sync(asked))
 
     def stored() -> Taken:
         files = dict(kept)

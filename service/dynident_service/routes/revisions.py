@@ -47,7 +47,7 @@ async def revise_measurement(
         destination = Path(name) / "recording.parquet"
         asked = await to_thread.run_sync(_to_import, services, parent, said, destination)
         try:
-            result = await services.awaited.call(request, IMPORT, asked, LONGEST_IMPORT)
+            result = await services.awaited.call(request, IMPORT, dict, asked, LONGEST_IMPORT)
         except ProblemError as error:
             raise _of_body(error.problem) from error
 

@@ -25,14 +25,14 @@ async def get_essential_parameters(
 ) -> EssentialView:
     """Find the essential parameters by backward elimination, with the errors along the way."""
     sent = {"model": await model_file(services, identification_id), "ratio": asked.ratio}
-    return EssentialView.model_validate(await services.awaited.call(request, f"{AWAITED}:essential", sent))
+    return EssentialView.model_validate(await services.awaited.call(request, f"{AWAITED}:essential", dict, sent))
 
 
 @router.get("/{identification_id}/correlation")
 async def get_correlation(identification_id: str, request: Request, services: ServicesDep) -> CorrelationView:
     """Show the correlation of the estimates, and say in words which of them the motion determines only together."""
     asked = {"model": await model_file(services, identification_id)}
-    return CorrelationView.model_validate(await services.awaited.call(request, f"{AWAITED}:correlation", asked))
+    return CorrelationView.model_validate(await services.awaited.call(request, f"{AWAITED}:correlation", dict, asked))
 
 
 async def model_file(services: Services, identifier: str) -> str:

@@ -33,7 +33,7 @@ async def get_verdict(identification_id: str, request: Request, services: Servic
     # A model and its measurements never change, and neither does what is said of them.
     if (known := services.verdicts.get(identification_id)) is not None:
         return known
-    judged = await services.awaited.call(request, "dynident_service.work.verdicts:judge", asked)
+    judged = await services.awaited.call(request, "dynident_service.work.verdicts:judge", dict, asked)
     found = VerdictView.model_validate(judged)
     services.verdicts.keep(identification_id, found)
     return found

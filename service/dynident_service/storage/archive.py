@@ -21,7 +21,9 @@ from contextlib import AbstractContextManager
 from datetime import datetime
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Literal, Protocol
+from typing import IO, Any, Literal, Protocol, TypedDict
+
+from sqlalchemy import Table
 
 from dynident.errors import DynidentError
 from dynident.version import __version__
@@ -42,7 +44,7 @@ NO_SIZE = 2**32 - 1
 """Where a longer record says it."""
 _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError, RuntimeError, OSError)
 """What comes of a ZIP that is cut, locked, packed in a way that nobody knows, or made by hand."""
-Row = dict[str, Any]
+Row = dict[str, object]
 Content = Literal["everything", "robot"]
 
 
@@ -151,7 +153,7 @@ def check_listing(source: Path, most: int) -> None:
                 raise unusable(f"its list of files has {size} bytes, and none of its kind has more than {most} files")
 
 
-def write_rows(files: Files, table: str, rows: Iterable[Mapping[str, Any]]) -> int:
+def write_rows(files: Files, table: str, rows: Iterable[Mapping[str, object]]) -> int:
     """Write the rows of a table; tells how many."""
     number = 0
     with files.write(f"tables/{table}.jsonl") as file:
@@ -161,7 +163,7 @@ def write_rows(files: Files, table: str, rows: Iterable[Mapping[str, Any]]) -> i
     return number
 
 
-def read_rows(files: Files, table: Any) -> Iterator[Row]:
+def read_rows(files: Files, table: Table) -> Iterator[Row]:
     """Read the rows of a table, those of its columns that there are; none where the archive has no such table.
 
     Raises DynidentError for a line that is no row.
@@ -224,11 +226,22 @@ def _pieces(files: Files, key: str) -> Iterator[bytes]:
         raise unusable(f"it lacks the object {key}, or that is damaged") from error
 
 
+class Manifest(TypedDict):
+    """What an archive is: its content, of what service, and how many rows of each table."""
+
+    dynident_archive: int
+    content: Content
+    dynident: str
+    revision: str
+    subject: str | None
+    counts: dict[str, int]
+
+
 def write_manifest(
     files: Files, content: Content, revision: str, counts: Mapping[str, int], subject: str | None = None
 ) -> None:
     """Write what the archive is; last, as an archive without it is not whole."""
-    said = {
+    said: Manifest = {
         "dynident_archive": FORMAT,
         "content": content,
         "dynident": __version__,
@@ -240,16 +253,16 @@ def write_manifest(
         file.write(json.dumps(said, indent=1).encode())
 
 
-def read_manifest(files: Files, content: Content, known: Iterable[str]) -> Row:
+def read_manifest(files: Files, content: Content, known: Iterable[str]) -> Manifest:
     """Read what the archive is; DynidentError unless it is of that content and a version that is known here."""
     try:
         with files.read("manifest.json") as file:
-            said = json.loads(file.read(CHUNK))
+            read = json.loads(file.read(CHUNK))
     except (*_BROKEN, KeyError, ValueError) as error:
         raise DynidentError(
             "this is no whole archive of dynident: it has no manifest", title="Unusable archive"
         ) from error
-    said = said if isinstance(said, dict) else {}
+    said = read if isinstance(read, dict) else {}
     if said.get("dynident_archive") != FORMAT or str(said.get("revision")) not in known:
         written = said.get("dynident")
         detail = (
@@ -262,7 +275,8 @@ def read_manifest(files: Files, content: Content, known: Iterable[str]) -> Row:
             f"the archive holds {said.get('content')}; {does.get(str(said.get('content')), 'it is of no use here')}"
         )
         raise DynidentError(detail, title="Unusable archive")
-    return said
+    found: Manifest = read
+    return found
 
 
 def unusable(detail: str) -> DynidentError:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +32,7 @@ from dynident_service.storage.migrate import configuration
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.patience import reason_of
 from dynident_service.storage.records import FINAL
-from dynident_service.storage.tables import CheckpointRow, ObjectRow, ResourceRow
+from dynident_service.storage.tables import OBJECTS, CheckpointRow, ObjectRow, ResourceRow
 from dynident_service.storage.tables import Table as Base
 
 AT_ONCE = 500
@@ -113,7 +113,8 @@ def restore(database: Database, objects: ObjectStore, source: Path, scratch: Pat
             if connection.execute(select(ResourceRow.id).limit(1)).first() is not None:
                 detail = "there is data already; restore into an empty data directory (and database)"
                 raise DynidentError(detail, title="Not empty")
-        keys = sorted({(row["key"], row["size"]) for row in read_rows(files, ObjectRow.__table__)})
+        owned: Iterable[dict[str, Any]] = read_rows(files, OBJECTS)
+        keys = sorted({(row["key"], row["size"]) for row in owned})
         size = sum(put_object(files, objects, key, scratch) for key, _ in keys)
         try:
             read = _read_tables(database, files, said["counts"])

@@ -14,7 +14,6 @@ from sqlalchemy.exc import DataError, IntegrityError
 from dynident.errors import DynidentError
 from dynident_service.storage.archive import (
     Files,
-    Row,
     read_manifest,
     read_rows,
     unusable,
@@ -37,7 +36,7 @@ from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.patience import reason_of
 from dynident_service.storage.reading import OF_JOBS, OF_RESOURCES
 from dynident_service.storage.records import FINAL, Job, Kind, Owned, Resource
-from dynident_service.storage.tables import DependencyRow, JobEventRow, JobRow, ObjectRow, ResourceRow
+from dynident_service.storage.tables import DependencyRow, JobEventRow, JobRow, ObjectRow, ResourceRow, table_of
 from dynident_service.storage.tombstones import announce, hold
 
 AT_ONCE = 200
@@ -48,6 +47,7 @@ PARTS: tuple[tuple[Any, Any], ...] = (
     (JobRow, JobRow.resource_id),
 )
 TABLES = (*(table for table, _ in PARTS), JobEventRow)
+_Row = dict[str, Any]
 _ID = re.compile("([a-z]{3})_[0-9a-hjkmnp-tv-z]{26}")
 _KEY = re.compile("[0-9a-f]{64}")
 _MEDIA_TYPE = re.compile(r"[\w.+-]+/[\w.+-]+(; ?[\w-]+=[\w.-]+)*", re.ASCII)
@@ -86,8 +86,8 @@ def import_robot(
     with files_to_read(source, MOST_FILES) as files:
         with database.engine.connect() as connection:
             robot = str(read_manifest(files, "robot", known_revisions(connection))["subject"])
-            rows = {
-                table: list(read_rows(files, table.__table__)) for table in (*(one for one, _ in PARTS), JobEventRow)
+            rows: dict[Any, list[_Row]] = {
+                table: list(read_rows(files, table_of(table))) for table in (*(one for one, _ in PARTS), JobEventRow)
             }
             _check(files, rows, robot, look_at)
             known = {row["id"] for row in _of(connection, ResourceRow, ResourceRow.id, _ids(rows[ResourceRow]))}
@@ -132,7 +132,7 @@ def _closure(first: set[Any], next_of: dict[str, list[str]]) -> set[str]:
     return found
 
 
-def _of(connection: Connection, row: Any, column: Any, ids: list[str]) -> Iterator[Row]:
+def _of(connection: Connection, row: Any, column: Any, ids: list[str]) -> Iterator[_Row]:
     for start in range(0, len(ids), AT_ONCE):
         query = select(row.__table__).where(column.in_(ids[start : start + AT_ONCE]))
         for one in connection.execute(query).mappings():
@@ -140,11 +140,11 @@ def _of(connection: Connection, row: Any, column: Any, ids: list[str]) -> Iterat
             yield {name: value for name, value in one.items() if name != "owner"}
 
 
-def _ids(rows: list[Row]) -> list[str]:
+def _ids(rows: list[_Row]) -> list[str]:
     return [str(row["id"]) for row in rows]
 
 
-def _check(files: Files, rows: dict[Any, list[Row]], robot: str, look_at: Callable[[Resource], object]) -> None:
+def _check(files: Files, rows: dict[Any, list[_Row]], robot: str, look_at: Callable[[Resource], object]) -> None:
     """An archive from elsewhere says nothing that a service itself would not have written."""
     try:
         for table, several in rows.items():
@@ -184,7 +184,7 @@ def _is_id(identifier: str, kind: str) -> bool:
     return found is not None and KINDS.get(found[1]) == kind
 
 
-def _check_objects(files: Files, rows: list[Row]) -> None:
+def _check_objects(files: Files, rows: list[_Row]) -> None:
     for row in rows:
         if not _KEY.fullmatch(row["key"]) or not _MEDIA_TYPE.fullmatch(row["media_type"]):
             raise unusable(f"{row['key'][:80]!r} of the type {row['media_type'][:80]!r} is no file")
@@ -193,7 +193,7 @@ def _check_objects(files: Files, rows: list[Row]) -> None:
             raise unusable(f"the file {row['key']} has {found} bytes instead of {row['size']}")
 
 
-def _check_order(rows: list[Row]) -> None:
+def _check_order(rows: list[_Row]) -> None:
     """Nothing rests on itself, by whatever detour: whoever follows what something rests on comes to an end."""
     on: dict[str, set[str]] = {}
     for row in rows:
@@ -204,7 +204,7 @@ def _check_order(rows: list[Row]) -> None:
         raise unusable(f"{error.args[1][0]} rests on itself") from error
 
 
-def _resources(rows: dict[Any, list[Row]]) -> Iterator[Resource]:
+def _resources(rows: dict[Any, list[_Row]]) -> Iterator[Resource]:
     """The resources as they will be read."""
     needs: dict[str, list[tuple[str, str]]] = {}
     owned: dict[str, dict[str, Owned]] = {}
@@ -224,7 +224,7 @@ def _resources(rows: dict[Any, list[Row]]) -> Iterator[Resource]:
         )
 
 
-def _store(connection: Connection, rows: dict[Any, list[Row]], new: set[str]) -> int:
+def _store(connection: Connection, rows: dict[Any, list[_Row]], new: set[str]) -> int:
     number = 0
     owner = {ResourceRow: "id", DependencyRow: "dependent_id", ObjectRow: "resource_id", JobRow: "resource_id"}
     for row, name in owner.items():
@@ -234,7 +234,7 @@ def _store(connection: Connection, rows: dict[Any, list[Row]], new: set[str]) ->
     return number + _add(connection, JobEventRow.__table__, [{**one, "id": None} for one in events])
 
 
-def _add(connection: Connection, table: Any, rows: list[Row]) -> int:
+def _add(connection: Connection, table: Any, rows: list[_Row]) -> int:
     # An owner is a key of another service, whatever the archive says.
     kept = [{k: value for k, value in row.items() if k != "owner" and (k, value) != ("id", None)} for row in rows]
     if kept:

@@ -15,7 +15,7 @@ from dynident_service.storage.tables import Text, UtcDateTime
 LARGEST, LARGEST_BIG = 2**31 - 1, 2**63 - 1
 
 
-def check_rows(table: Table, rows: Sequence[Mapping[str, Any]]) -> None:
+def check_rows(table: Table, rows: Sequence[Mapping[str, object]]) -> None:
     """Raise ValueError for a row that lacks a column, or has what the column cannot hold on some database."""
     named = set(rows[0]) if rows else set()
     lacking = [one.name for one in table.columns if one.name not in named and not _may_be_left_out(one)]

@@ -272,7 +272,7 @@ class Ledger:
         return found
 
 
-def as_job(row: JobRow | Row[Any]) -> Job:
+def as_job(row: JobRow | Row[object]) -> Job:
     """Take a job off its row."""
     return Job(
         id=row.id,

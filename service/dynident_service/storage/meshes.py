@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from dynident_service.storage.records import Owned, Resource
 
 GEOMETRY = "geometry"
@@ -21,7 +19,7 @@ def meshes_of(robot: Resource) -> dict[str, Owned]:
     return {name: found for name, found in owned if found is not None}
 
 
-def named_meshes(robot: Resource) -> list[dict[str, Any]]:
+def named_meshes(robot: Resource) -> list[dict[str, object]]:
     """All meshes that a robot's description names, with hash and size of the files that it has."""
     files = meshes_of(robot)
     return [

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Select, bindparam, select
+from sqlalchemy import ColumnElement, Connection, Row, Select, bindparam, select
 from sqlalchemy.orm import Session
 
 from dynident_service.storage.database import AT_ONCE
@@ -48,9 +48,9 @@ def read_those(session: Session, identifiers: Iterable[str]) -> tuple[Resource, 
     return tuple(found)
 
 
-def complete(connection: Connection, rows: Sequence[Sequence[Any]]) -> tuple[Resource, ...]:
+def complete(connection: Connection, rows: Sequence[Row[object]]) -> tuple[Resource, ...]:
     """Read what belongs to resources, whose rows are those of `WITH_JOBS`, in their order."""
-    by_id = {row[0]: row for row in rows}
+    by_id = {str(row[0]): row for row in rows}
     needs: dict[str, list[tuple[str, str]]] = {one: [] for one in by_id}
     objects: dict[str, dict[str, Owned]] = {one: {} for one in by_id}
     if by_id:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from sqlalchemy import func, select
 from sqlalchemy.exc import IntegrityError
@@ -115,7 +114,7 @@ class Resources:
                 row.archived = archived
         return self.get(kind, identifier)
 
-    def attach(self, kind: Kind, identifier: str, result: Mapping[str, Any], objects: Sequence[Owned]) -> Resource:
+    def attach(self, kind: Kind, identifier: str, result: Mapping[str, object], objects: Sequence[Owned]) -> Resource:
         """Add to what came out for a resource, and to the objects that it owns; those of the same role are let go of.
 
         A problem 404 if there is no such resource; raises ObjectGone if an object was swept away since it was put,

@@ -223,11 +223,12 @@ class KeyRow(Table):
     quota_jobs: Mapped[int | None] = mapped_column(BigInteger)
 
 
-def _table(rows: type[Table]) -> Tables:
+def table_of(rows: type[Table]) -> Tables:
+    """The table of rows, for statements without the ORM."""
     return cast(Tables, rows.__table__)
 
 
 # For statements without the ORM, which takes several times as long over each.
-RESOURCES, DEPENDENCIES, OBJECTS = _table(ResourceRow), _table(DependencyRow), _table(ObjectRow)
-JOBS, EVENTS, RETRIES = _table(JobRow), _table(JobEventRow), _table(RetryRow)
-CHECKPOINTS = _table(CheckpointRow)
+RESOURCES, DEPENDENCIES, OBJECTS = table_of(ResourceRow), table_of(DependencyRow), table_of(ObjectRow)
+JOBS, EVENTS, RETRIES = table_of(JobRow), table_of(JobEventRow), table_of(RetryRow)
+CHECKPOINTS = table_of(CheckpointRow)

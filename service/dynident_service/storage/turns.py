@@ -88,7 +88,7 @@ class Claim:
     """The span of that request, where it was traced."""
 
     @property
-    def place(self) -> dict[str, Any]:
+    def place(self) -> dict[str, object]:
         """By which statements find the job, as long as the claim holds."""
         return {"job": self.job_id, "claimed": self.attempt}
 
@@ -123,12 +123,12 @@ def take(connection: Connection, most: int, moment: datetime, until: datetime) -
     return claims
 
 
-def find_held(connection: Connection, claim: Claim) -> Row[Any] | None:
+def find_held(connection: Connection, claim: Claim) -> Row[object] | None:
     """Give the job of a claim and keep it from others until this transaction ends; `None` where it holds no more."""
     return connection.execute(_FIND_HELD, claim.place).one_or_none()
 
 
-def find_expired(connection: Connection, moment: datetime) -> Sequence[Row[Any]]:
+def find_expired(connection: Connection, moment: datetime) -> Sequence[Row[object]]:
     """Give the jobs whose leases have run out, as `find_held`."""
     return connection.execute(_EXPIRED, {"moment": moment}).all()
 
@@ -147,14 +147,14 @@ def go_on(connection: Connection, claim: Claim, fraction: float, message: str) -
     return True
 
 
-def requeue(connection: Connection, row: Row[Any], *, deaths: int = 0, losses: int = 0) -> None:
+def requeue(connection: Connection, row: Row[object], *, deaths: int = 0, losses: int = 0) -> None:
     """Give a job back, with so many more deaths and losses."""
     counted = {"job": row.id, "died": row.deaths + deaths, "lost": row.losses + losses}
     connection.execute(_REQUEUE, counted)
     _say(connection, [row.id], {"state": "queued"})
 
 
-def bury(session: Session, row: Row[Any], most: int, reason: str, *, deaths: int = 0, losses: int = 0) -> None:
+def bury(session: Session, row: Row[object], most: int, reason: str, *, deaths: int = 0, losses: int = 0) -> None:
     """Give a job back that died or was lost, unless it is not wanted any more or that happened too often."""
     connection = session.connection()
     times = row.deaths + deaths if deaths else row.losses + losses

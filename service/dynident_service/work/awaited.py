@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from dynident.export import ExportedFile, ExportFormat
 from dynident.identification import Identification, from_bytes
@@ -29,7 +28,7 @@ from dynident_service.models.robots import MeshView, RobotRequest
 from dynident_service.problems import ProblemError
 
 
-def describe(request: Mapping[str, Any]) -> dict[str, Any]:
+def describe(request: Mapping[str, object]) -> dict[str, object]:
     """Describe a robot: its joints and its base parameters."""
     body = RobotRequest.model_validate(request)
     robot = robot_from_request(body)
@@ -37,8 +36,8 @@ def describe(request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def take_meshes(
-    request: Mapping[str, Any], sent: Mapping[str, str], kept: Mapping[str, str], destination: str
-) -> dict[str, Any]:
+    request: Mapping[str, object], sent: Mapping[str, str], kept: Mapping[str, str], destination: str
+) -> dict[str, object]:
     """Read the meshes that were sent for a robot beside those that it has, and write its geometry into a file.
 
     `sent` are files by the names that they were sent with, `kept` by those of the meshes. Gives all meshes of the
@@ -54,8 +53,8 @@ def take_meshes(
 
 
 def import_measurement(
-    source: str, destination: str, robot: Mapping[str, Any], metadata: Mapping[str, Any], sha256: str
-) -> dict[str, Any]:
+    source: str, destination: str, robot: Mapping[str, object], metadata: Mapping[str, object], sha256: str
+) -> dict[str, object]:
     """Check a file, write its recording, and describe it."""
     said = MeasurementMetadata.model_validate(metadata)
     try:
@@ -65,7 +64,9 @@ def import_measurement(
     return plain(describe_recording(recording, checks, sha256))
 
 
-def look_at_file(source: str, robot: Mapping[str, Any], metadata: Mapping[str, Any], sha256: str) -> dict[str, Any]:
+def look_at_file(
+    source: str, robot: Mapping[str, object], metadata: Mapping[str, object], sha256: str
+) -> dict[str, object]:
     """Look at a file: what its columns most probably are."""
     try:
         return plain(look_at(Path(source), robot_of(robot), ImportMetadata.model_validate(metadata), sha256))
@@ -74,25 +75,25 @@ def look_at_file(source: str, robot: Mapping[str, Any], metadata: Mapping[str, A
 
 
 def clearances(
-    request: Mapping[str, Any], robot: Mapping[str, Any], meshes: Mapping[str, str], trajectory: str, points: int
-) -> dict[str, Any]:
+    request: Mapping[str, object], robot: Mapping[str, object], meshes: Mapping[str, str], trajectory: str, points: int
+) -> dict[str, object]:
     """Tell what the links of a robot are nearest to along a design; `meshes` are files by the names of the meshes."""
     asked = DesignRequest.model_validate(request)
     with mesh_folders({name: Path(path) for name, path in meshes.items()}) as folders:
         return plain(clearances_of(asked, robot_of(robot), Path(trajectory), folders, points))
 
 
-def essential(model: str, ratio: float) -> dict[str, Any]:
+def essential(model: str, ratio: float) -> dict[str, object]:
     """Find the essential parameters of the model in a file."""
     return plain(describe_essential(essential_parameters(_read(model), ratio)))
 
 
-def correlation(model: str) -> dict[str, Any]:
+def correlation(model: str) -> dict[str, object]:
     """Describe how the estimates of the model in a file depend on one another."""
     return plain(shown(CorrelationView, parameter_dependence(_read(model))))
 
 
-def export(model: str, format: ExportFormat, nearest: bool, shown: Mapping[str, Any]) -> ExportedFile:
+def export(model: str, format: ExportFormat, nearest: bool, shown: Mapping[str, object]) -> ExportedFile:
     """Write the model in a file in another format."""
     return exported_file(_read(model), format, nearest, dict(shown))
 

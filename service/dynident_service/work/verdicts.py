@@ -15,7 +15,9 @@ from dynident_service.models.common import plain
 from dynident_service.models.measurements import MeasurementMetadata
 
 
-def judge(model: str, fitted: Sequence[Mapping[str, Any]], held_out: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def judge(
+    model: str, fitted: Sequence[Mapping[str, object]], held_out: Sequence[Mapping[str, object]]
+) -> dict[str, object]:
     """Say what the model in a file is fit for; measurements are given by `id`, `recording` (a path) and `request`."""
     names: set[str] = set()
     seen = [_opened(one, names) for one in fitted], [_opened(one, names) for one in held_out]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, overload
+from typing import overload
 
 from dynident.advice import AdvisedDiagnosis, advise
 from dynident.desk.diagnosing import check_some
 from dynident.desk.figure import Figure, figure_of
-from dynident.desk.frames import FrameLibrary, columns_of, frame_of
+from dynident.desk.frames import Columns, Framed, columns_of
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import Recordings, SomeRecordings, as_recordings
@@ -29,10 +29,14 @@ _FRAME_COLUMNS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Changes(Sequence[Change]):
+class Changes(Sequence[Change], Framed):
     """What differs between two sets of recordings of one robot; none where nothing does.
 
     `diagnosis` also tells what the model lacks before and after.
+
+    `to_frame` has a row a number that differs: effect (its id), joint, parameter, before (missing where the model does
+    not have it), difference, interval_low and interval_high (95 %, of the difference), unit (of all four), p_value (of
+    the change, in the row of the number that says how large it is, missing in its others), evidence.
     """
 
     model: Model
@@ -50,23 +54,7 @@ class Changes(Sequence[Change]):
         """The changes, each with its values, intervals and evidence."""
         return self.diagnosis.changes or ()
 
-    def to_frame(self, library: FrameLibrary | None = None) -> Any:
-        """The rows of its table as a data frame of pandas or polars: each number that differs.
-
-        Columns: effect (its id), joint, parameter, before (missing where the model does not have it), difference,
-        interval_low and interval_high (95 %, of the difference), unit (of all four), p_value (of the change, in the
-        row of the number that says how large it is, missing in its others), evidence.
-
-        Parameters
-        ----------
-        library : "pandas", "polars" or None
-            None: pandas where it is installed, else polars.
-
-        Raises
-        ------
-        DynidentError
-            Where it is not installed.
-        """
+    def _columns(self) -> Columns:
         rows = [
             (
                 one.choice.effect,
@@ -82,7 +70,7 @@ class Changes(Sequence[Change]):
             for one in self.items
             for value in (one.main, *one.more)
         ]
-        return frame_of(columns_of(_FRAME_COLUMNS, rows), library)
+        return columns_of(_FRAME_COLUMNS, rows)
 
     def plot(self) -> Figure:
         """Draw every change, and how much the friction of each joint differs, with their 95 % intervals.

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.desk.figure import Figure, figure_of
-from dynident.desk.frames import FrameLibrary, frame_of
+from dynident.desk.frames import Columns, Framed
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import CheckedRecording, SomeRecordings, as_recordings
@@ -30,8 +30,14 @@ _COLUMNS = ("joint", "error, moving", "rms", "all rows", "noise floor", "over no
 
 
 @dataclass(frozen=True, eq=False)
-class ComparedRecording:
-    """One recording beside the prediction: `comparison` holds the signals, `judgement` what the error is worth."""
+class ComparedRecording(Framed):
+    """One recording beside the prediction: `comparison` holds the signals, `judgement` what the error is worth.
+
+    `to_frame` has a row a joint and time, joint after joint: joint, unit (N m or N), t (s), segment (the recording's,
+    from 0 on), measured, predicted, residual, lower, upper, all five in `unit`, and phase (moving, reversing, standing,
+    passive_halt). Torque is filtered and thinned. Where a joint stands its residual is the distance to what static
+    friction may hold, from lower to upper.
+    """
 
     recording: CheckedRecording
     comparison: Comparison
@@ -42,25 +48,8 @@ class ComparedRecording:
         """What the recording is called."""
         return self.recording.name
 
-    def to_frame(self, library: FrameLibrary | None = None) -> Any:
-        """Torque over time as a data frame of pandas or polars: a row a joint and time, joint after joint.
-
-        Columns: joint, unit (N m or N), t (s), segment (the recording's, from 0 on), measured, predicted, residual,
-        lower, upper, all five in `unit`, and phase (moving, reversing, standing, passive_halt). Torque is filtered and
-        thinned. Where a joint stands its residual is the distance to what static friction may hold, from lower to
-        upper.
-
-        Parameters
-        ----------
-        library : "pandas", "polars" or None
-            None: pandas where it is installed, else polars.
-
-        Raises
-        ------
-        DynidentError
-            Where it is not installed.
-        """
-        return frame_of(self._columns(), library)
+    def _columns(self) -> Columns:
+        return Columns(self._arrays())
 
     def plot(self, joints: Sequence[str] = ()) -> Figure:
         """Draw measured and predicted torque, and what is left, over time.
@@ -88,7 +77,7 @@ class ComparedRecording:
         ]
         return figure_of(parts, f"measured and predicted torque of {self.name}")
 
-    def _columns(self) -> dict[str, NDArray[Any]]:
+    def _arrays(self) -> dict[str, NDArray[np.generic]]:
         found = self.comparison
         m, n = found.measured.shape
         signals = {
@@ -144,32 +133,21 @@ class ComparedRecording:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparisons(Sequence[ComparedRecording]):
-    """Recordings beside the prediction of one model; by number, or by the recording's name."""
+class Comparisons(Sequence[ComparedRecording], Framed):
+    """Recordings beside the prediction of one model; by number, or by the recording's name.
+
+    `to_frame` has one below the other: recording (its name), then the columns of `ComparedRecording`.
+    """
 
     model: Model
     items: tuple[ComparedRecording, ...]
 
-    def to_frame(self, library: FrameLibrary | None = None) -> Any:
-        """All of them in one data frame of pandas or polars, one recording below the other.
-
-        Columns: recording (its name), then those of `ComparedRecording.to_frame`.
-
-        Parameters
-        ----------
-        library : "pandas", "polars" or None
-            None: pandas where it is installed, else polars.
-
-        Raises
-        ------
-        DynidentError
-            Where it is not installed.
-        """
-        found = [item._columns() for item in self.items]
+    def _columns(self) -> Columns:
+        found = [item._arrays() for item in self.items]
         counts = [len(one["t"]) for one in found]
-        columns = {"recording": np.repeat([item.name for item in self.items], counts)}
+        columns: dict[str, NDArray[np.generic]] = {"recording": np.repeat([item.name for item in self.items], counts)}
         columns |= {name: np.concatenate([one[name] for one in found]) for name in (found[0] if found else ())}
-        return frame_of(columns, library)
+        return Columns(columns)
 
     def plot(self, joints: Sequence[str] = ()) -> Figure:
         """Draw all of them, one below the other.

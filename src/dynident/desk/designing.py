@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from dynident.desk.choosing import checked_effects, named_effects
 from dynident.desk.diagnosing import DiagnosedModel
 from dynident.desk.figure import Figure, check_folder, figure_of
-from dynident.desk.frames import FrameLibrary, frame_of
+from dynident.desk.frames import Columns, Framed
 from dynident.desk.recordings import SomeRecordings, as_recordings
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
@@ -30,8 +29,13 @@ _NEAREST = 5
 
 
 @dataclass(frozen=True, eq=False)
-class DesignedMotion:
-    """A motion within the robot's limits: `design` as the library knows it."""
+class DesignedMotion(Framed):
+    """A motion within the robot's limits: `design` as the library knows it.
+
+    `to_frame` has a row a sample, from home to home, as `save` writes them: t (s), q_<joint> (rad, m where it slides),
+    dq_<joint> (rad/s, m/s), ddq_<joint> (rad/s^2, m/s^2); of a set of test motions also segment, the number of the run
+    from 1 on, 0 between runs.
+    """
 
     robot: Robot
     design: Design
@@ -75,27 +79,11 @@ class DesignedMotion:
         else:
             write_design(self.design, path)
 
-    def to_frame(self, library: FrameLibrary | None = None) -> Any:
-        """The samples of the motion as a data frame of pandas or polars, one row each, from home to home.
-
-        Columns, as `save` writes them: t (s), q_<joint> (rad, m where it slides), dq_<joint> (rad/s, m/s), ddq_<joint>
-        (rad/s^2, m/s^2); of a set of test motions also segment, the number of the run from 1 on, 0 between runs. Of
-        pandas the units are in `frame.attrs["units"]`.
-
-        Parameters
-        ----------
-        library : "pandas", "polars" or None
-            None: pandas where it is installed, else polars.
-
-        Raises
-        ------
-        DynidentError
-            Where it is not installed.
-        """
+    def _columns(self) -> Columns:
         table = design_table(self.design)
         columns = {name: to_numbers(table.column(name)) for name in table.column_names}
         units = signal_units(columns, self.design.joint_names, [one.kind for one in self.robot.joints])
-        return frame_of(columns, library, units)
+        return Columns(columns, units)
 
     def plot(self) -> Figure:
         """Draw the joints within their limits, how they cover speed and place, and where the tool goes."""

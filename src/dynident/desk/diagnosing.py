@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment, advise
 from dynident.desk.figure import Figure, figure_of
-from dynident.desk.frames import FrameLibrary, columns_of, frame_of
+from dynident.desk.frames import Columns, Framed, columns_of
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import Recordings, SomeRecordings, as_recordings
@@ -36,8 +35,14 @@ _MOST_BARS, _MOST_PANELS = 12, 8
 
 
 @dataclass(frozen=True, eq=False)
-class DiagnosedModel:
-    """What is missing in a model: `diagnosis` as the library knows it, with the model and the recordings looked at."""
+class DiagnosedModel(Framed):
+    """What is missing in a model: `diagnosis` as the library knows it, with the model and the recordings looked at.
+
+    `to_frame` has a row a family of effects, best first: rank, effect (its id), joints, constants (in words, with
+    units), error_before, error_after and error_drop (relative, fractions, held out), t_value, p_value, significant,
+    recommended, separability (0 to 1), equivalent (ids with commas), evidence, and choice, the text that `Model.extend`
+    takes.
+    """
 
     model: Model
     recordings: Recordings
@@ -84,24 +89,8 @@ class DiagnosedModel:
         shown = [one for one in self.candidates if one.significant]
         return evidence(self.model.identification, shown, self.recordings.recordings)
 
-    def to_frame(self, library: FrameLibrary | None = None) -> Any:
-        """The ranked effects as a data frame of pandas or polars, a row a family of effects, best first.
-
-        Columns: rank, effect (its id), joints, constants (in words, with units), error_before, error_after and
-        error_drop (relative, fractions, held out), t_value, p_value, significant, recommended, separability (0 to 1),
-        equivalent (ids with commas), evidence, and choice, the text that `Model.extend` takes.
-
-        Parameters
-        ----------
-        library : "pandas", "polars" or None
-            None: pandas where it is installed, else polars.
-
-        Raises
-        ------
-        DynidentError
-            Where it is not installed.
-        """
-        return frame_of(columns_of(_FRAME_COLUMNS, [self._frame_row(one) for one in self.candidates]), library)
+    def _columns(self) -> Columns:
+        return columns_of(_FRAME_COLUMNS, [self._frame_row(one) for one in self.candidates])
 
     def plot(self) -> Figure:
         """Draw the ranking, and what each significant finding explains of the residual."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, overload
 
 from dynident.desk.diagnosing import check_some
 from dynident.desk.figure import Figure, figure_of
-from dynident.desk.frames import FrameLibrary, columns_of, frame_of
+from dynident.desk.frames import Columns, Framed, columns_of
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import SomeRecordings, as_recordings
@@ -26,10 +26,13 @@ _COLUMNS = ("from", *COLUMNS)
 
 
 @dataclass(frozen=True, eq=False)
-class FollowedRobot(Sequence["SeriesChange"]):
+class FollowedRobot(Sequence["SeriesChange"], Framed):
     """What changed in a robot over many days, and from which on; none where nothing did.
 
     `series` has every parameter's course; `days` are kept reduced, so that `and_then` reads no recording again.
+
+    `to_frame` has a row a parameter and day: parameter, effect, joint, unit, day, value, and lower and upper, the ends
+    of its 95 % interval.
     """
 
     model: Model
@@ -53,26 +56,14 @@ class FollowedRobot(Sequence["SeriesChange"]):
         """The same with more days behind these; each costs its own recordings alone."""
         return _followed(self.model, self.measure, self.days, days, progress)
 
-    def to_frame(self, library: FrameLibrary | None = None) -> Any:
-        """A row a parameter and day: parameter, effect, joint, unit, day, value and the ends of its 95 % interval.
-
-        Parameters
-        ----------
-        library : "pandas", "polars" or None
-            None: pandas where it is installed, else polars.
-
-        Raises
-        ------
-        DynidentError
-            Where it is not installed.
-        """
+    def _columns(self) -> Columns:
         rows = [
             (one.parameter, one.effect, one.joint, one.unit, day, one.values[k], *one.intervals[k])
             for one in self.series.courses
             for k, day in enumerate(self.series.days)
         ]
         names = ("parameter", "effect", "joint", "unit", "day", "value", "lower", "upper")
-        return frame_of(columns_of(names, rows), library)
+        return columns_of(names, rows)
 
     def plot(self) -> Figure:
         """Draw every parameter that may vary day by day, with its intervals."""

@@ -2,56 +2,85 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib import import_module
-from types import MappingProxyType
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal, overload
 
+import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import DynidentError
 
+if TYPE_CHECKING:
+    # Who has one of them alone is told its names by an editor, and nothing of the other.
+    import pandas
+    import polars
+
 FrameLibrary = Literal["pandas", "polars"]
-_NONE: Mapping[str, str] = MappingProxyType({})
 _LIBRARIES: tuple[FrameLibrary, ...] = ("pandas", "polars")
 
 
-def columns_of(names: Sequence[str], rows: Sequence[Sequence[object]]) -> dict[str, list[object]]:
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Columns by their names, each of as many values (m,), and the unit of each that has one."""
+
+    values: Mapping[str, Sequence[object] | NDArray[np.generic]]
+    units: Mapping[str, str] = field(default_factory=dict)
+
+
+def columns_of(names: Sequence[str], rows: Sequence[Sequence[object]]) -> Columns:
     """Rows as columns of these names."""
-    return {name: [row[k] for row in rows] for k, name in enumerate(names)}
+    return Columns({name: [row[k] for row in rows] for k, name in enumerate(names)})
 
 
-def frame_of(
-    columns: Mapping[str, Sequence[object] | NDArray[Any]],
-    library: FrameLibrary | None,
-    units: Mapping[str, str] = _NONE,
-) -> Any:
-    """A data frame with these columns.
+class Framed(ABC):
+    """What becomes a data frame; each class says which columns it has, and what is in a row."""
 
-    Parameters
-    ----------
-    columns : mapping of name to values
-    library : "pandas", "polars" or None
-        None: pandas where it is installed, else polars.
-    units : mapping of name to unit
-        Of pandas they are in `frame.attrs["units"]`; frames of polars have no place for them.
+    @overload
+    def to_frame(self, library: Literal["pandas"]) -> pandas.DataFrame: ...
+    @overload
+    def to_frame(self, library: Literal["polars"]) -> polars.DataFrame: ...
+    @overload
+    def to_frame(self, library: FrameLibrary | None = None) -> pandas.DataFrame | polars.DataFrame: ...
+    def to_frame(self, library: FrameLibrary | None = None) -> pandas.DataFrame | polars.DataFrame:
+        """A data frame of pandas or polars, with the columns that the class states.
 
-    Raises
-    ------
-    DynidentError
-        Where the library, or any of the two, is not installed.
-    """
+        Parameters
+        ----------
+        library : "pandas", "polars" or None
+            None: pandas where it is installed, else polars.
+
+        Returns
+        -------
+        data frame
+            Of pandas the units are in `frame.attrs["units"]` where columns have one each; those of polars have no place
+            for them.
+
+        Raises
+        ------
+        DynidentError
+            Where the library, or any of the two, is not installed.
+        """
+        return _frame(self._columns(), library)
+
+    @abstractmethod
+    def _columns(self) -> Columns: ...
+
+
+def _frame(columns: Columns, library: FrameLibrary | None) -> pandas.DataFrame | polars.DataFrame:
     if library is not None and library not in _LIBRARIES:
         raise DynidentError(f"there are no frames of {library!r}; choose pandas or polars", pointer="library")
     for name in (library,) if library else _LIBRARIES:
         try:
-            made = import_module(name).DataFrame(dict(columns))
+            made: pandas.DataFrame | polars.DataFrame = import_module(name).DataFrame(dict(columns.values))
         except ModuleNotFoundError as missing:
             if missing.name != name:
                 raise
             continue
-        if units and name == "pandas":
-            made.attrs["units"] = dict(units)
+        if columns.units and name == "pandas":
+            made.attrs["units"] = dict(columns.units)
         return made
     wanted = library or "pandas or polars"
     install = f"pip install {library}" if library else "pip install pandas, or pip install polars"

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from dynident.desk.robots import DriveGains, with_gains
 from dynident.errors import DynidentError
@@ -15,6 +14,13 @@ from dynident.robot import Robot
 
 _COLUMNS = ("what", "proposed", "how sure", "why")
 _SHOWN, _NAMES = 30, 12
+
+
+class ProposedColumns(TypedDict, total=False):
+    """Arguments of `read_recordings`; none where nothing is proposed."""
+
+    columns: dict[str, str]
+    units: dict[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +40,7 @@ class InspectedFile:
         return () if self.inspection.proposal is None else self.inspection.proposal.questions
 
     @property
-    def said(self) -> Mapping[str, Any]:
+    def said(self) -> ProposedColumns:
         """Columns and units that are proposed, as `read_recordings` takes them."""
         proposal = self.inspection.proposal
         return {} if proposal is None else {"columns": dict(proposal.columns), "units": dict(proposal.units)}

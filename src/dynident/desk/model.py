@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, overload
+from typing import overload
 
 from dynident.desk.choosing import Addition, added_effects, named_effects
 from dynident.desk.figure import Figure, check_folder, figure_of
-from dynident.desk.frames import FrameLibrary, columns_of, frame_of
+from dynident.desk.frames import Columns, Framed, columns_of
 from dynident.desk.parameters import ErrorTable, Parameters
 from dynident.desk.recordings import Recordings, SomeRecordings, as_recordings
 from dynident.desk.texts import text_table
@@ -198,28 +198,18 @@ class Model:
 
 
 @dataclass(frozen=True, eq=False)
-class Ladder(Sequence[Model]):
-    """Models in the order in which one was made from the other, the first one first."""
+class Ladder(Sequence[Model], Framed):
+    """Models in the order in which one was made from the other, the first one first.
+
+    `to_frame` has a row a model, the first one first: model (its number, from 1), new (what it adds and leaves out, in
+    words), parameters (how many), fit, fit_moving, held_out and held_out_moving (relative errors of the torque,
+    fractions, on all rows and where joints move; missing where there is no such data), best and rises (on held-out
+    data).
+    """
 
     items: tuple[Model, ...]
 
-    def to_frame(self, library: FrameLibrary | None = None) -> Any:
-        """A row a model as a data frame of pandas or polars, the first model first.
-
-        Columns: model (its number, from 1), new (what it adds and leaves out, in words), parameters (how many), fit,
-        fit_moving, held_out and held_out_moving (relative errors of the torque, fractions, on all rows and where
-        joints move; missing where there is no such data), best and rises (on held-out data).
-
-        Parameters
-        ----------
-        library : "pandas", "polars" or None
-            None: pandas where it is installed, else polars.
-
-        Raises
-        ------
-        DynidentError
-            Where it is not installed.
-        """
+    def _columns(self) -> Columns:
         models = [one.identification for one in self.items]
         found = best_rung(models)
         rows = []
@@ -228,7 +218,7 @@ class Ladder(Sequence[Model]):
             totals = (None if error is None else error.relative_total for error in errors)
             best, rises = (False, False) if found is None else (k == found.best, k in found.rises)
             rows.append((k + 1, _whole_change(one), one.model.n_parameters, *totals, best, rises))
-        return frame_of(columns_of(_FRAME_COLUMNS, rows), library)
+        return columns_of(_FRAME_COLUMNS, rows)
 
     def plot(self) -> Figure:
         """Draw the error of every model, in total and joint by joint."""

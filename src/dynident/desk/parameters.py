@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, overload
+from typing import overload
 
-from dynident.desk.frames import FrameLibrary, frame_of
+from dynident.desk.frames import Columns, Framed
 from dynident.desk.texts import text_table
 from dynident.estimation import Errors
 from dynident.html import block, paragraph, table
@@ -19,29 +19,18 @@ _LONGEST = 40
 
 
 @dataclass(frozen=True, eq=False)
-class Parameters(Sequence[IdentifiedParameter]):
-    """Base parameters in the order of the model; by number, by slice, or by name: `model.parameters["Fc2"]`."""
+class Parameters(Sequence[IdentifiedParameter], Framed):
+    """Base parameters in the order of the model; by number, by slice, or by name: `model.parameters["Fc2"]`.
+
+    `to_frame` has a row each: name, joint, effect, value, unit, standard_deviation, relative_standard_deviation (a
+    fraction), interval_low and interval_high (95 %), judgement, essential, grouping (its standard parameters).
+    """
 
     items: tuple[IdentifiedParameter, ...]
 
-    def to_frame(self, library: FrameLibrary | None = None) -> Any:
-        """All of them as a data frame of pandas or polars, one row each.
-
-        Columns: name, joint, effect, value, unit, standard_deviation, relative_standard_deviation (a fraction),
-        interval_low and interval_high (95 %), judgement, essential, grouping (its standard parameters).
-
-        Parameters
-        ----------
-        library : "pandas", "polars" or None
-            None: pandas where it is installed, else polars.
-
-        Raises
-        ------
-        DynidentError
-            Where neither of them is installed.
-        """
+    def _columns(self) -> Columns:
         items = self.items
-        return frame_of(
+        return Columns(
             {
                 "name": [one.name for one in items],
                 "joint": [one.link for one in items],
@@ -55,8 +44,7 @@ class Parameters(Sequence[IdentifiedParameter]):
                 "judgement": [one.judgement for one in items],
                 "essential": [one.essential for one in items],
                 "grouping": [one.grouping for one in items],
-            },
-            library,
+            }
         )
 
     def __len__(self) -> int:
@@ -114,8 +102,11 @@ class JointError:
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorTable(Sequence[JointError]):
-    """The errors of a model, one entry a joint in the robot's order."""
+class ErrorTable(Sequence[JointError], Framed):
+    """The errors of a model, one entry a joint in the robot's order.
+
+    `to_frame` has a row a joint, with the fields of `JointError`.
+    """
 
     items: tuple[JointError, ...]
 
@@ -137,16 +128,9 @@ class ErrorTable(Sequence[JointError]):
             )
         )
 
-    def to_frame(self, library: FrameLibrary | None = None) -> Any:
-        """All of them as a data frame of pandas or polars, one row a joint, with the fields of `JointError`.
-
-        Raises
-        ------
-        DynidentError
-            Where neither of them is installed.
-        """
+    def _columns(self) -> Columns:
         names = tuple(JointError.__dataclass_fields__)
-        return frame_of({name: [getattr(one, name) for one in self.items] for name in names}, library)
+        return Columns({name: [getattr(one, name) for one in self.items] for name in names})
 
     def __len__(self) -> int:
         return len(self.items)

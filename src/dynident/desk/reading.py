@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 from dynident.desk.recordings import CheckedRecording, Recordings, Source
 from dynident.desk.robots import DriveGains, with_gains
@@ -18,6 +18,7 @@ from dynident.identification.robot_recordings import import_cured, import_for_ro
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
 from dynident.recordings.names import unique_names
+from dynident.recordings.stated import RevisionFields
 from dynident.robot import Robot
 
 # How the checks word it for a request over HTTP, and the same as arguments of Python.
@@ -133,7 +134,9 @@ def _read(
     return CheckedRecording(recording, found, robot, Source(path, metadata, edits))
 
 
-def revise(recording: CheckedRecording, change: Revision | None = None, **fields: Any) -> CheckedRecording:
+def revise(
+    recording: CheckedRecording, change: Revision | None = None, **fields: Unpack[RevisionFields]
+) -> CheckedRecording:
     """Say something else of a recording's file, and read and check it again; the recording that was given stays.
 
     Parameters

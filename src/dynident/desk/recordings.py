@@ -6,13 +6,13 @@ import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.desk.figure import Figure, figure_of
-from dynident.desk.frames import FrameLibrary, frame_of
+from dynident.desk.frames import Columns, Framed
 from dynident.errors import DynidentError
 from dynident.html import block, listed, paragraph, table
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
@@ -40,8 +40,13 @@ class Source:
 
 
 @dataclass(frozen=True, eq=False)
-class CheckedRecording:
-    """One recording that may be identified from, its checks, and the robot: `recording` as the library knows it."""
+class CheckedRecording(Framed):
+    """One recording that may be identified from, its checks, and the robot: `recording` as the library knows it.
+
+    `to_frame` has a row a stored sample, in order of time within each run, none of it filtered: t (s), segment (the
+    run's label), q_<joint> (rad, m where it slides), tau_<joint> (N m, N); where the file has them dq_<joint> (rad/s,
+    m/s), ddq_<joint> (rad/s^2, m/s^2), q_command_<joint>, temperature_<joint> (degC) and base_fx to base_mz (N, N m).
+    """
 
     recording: Recording
     checks: tuple[Check, ...] = ()
@@ -68,25 +73,9 @@ class CheckedRecording:
         """
         Recordings((self,)).save(folder)
 
-    def to_frame(self, library: FrameLibrary | None = None) -> Any:
-        """All stored samples as a data frame of pandas or polars, one row each, in order of time within each run.
-
-        Columns: t (s), segment (the run's label), q_<joint> (rad, m where it slides), tau_<joint> (N m, N); where the
-        file has them dq_<joint> (rad/s, m/s), ddq_<joint> (rad/s^2, m/s^2), q_command_<joint>, temperature_<joint>
-        (degC) and base_fx to base_mz (N, N m). Nothing is filtered. Of pandas the units are in `frame.attrs["units"]`.
-
-        Parameters
-        ----------
-        library : "pandas", "polars" or None
-            None: pandas where it is installed, else polars.
-
-        Raises
-        ------
-        DynidentError
-            Where it is not installed.
-        """
+    def _columns(self) -> Columns:
         samples = self._samples()
-        return frame_of(samples.columns, library, samples.units)
+        return Columns(samples.columns, samples.units)
 
     def plot(self) -> Figure:
         """Draw position and torque of every joint over time."""
@@ -108,8 +97,12 @@ class CheckedRecording:
 
 
 @dataclass(frozen=True, eq=False)
-class Recordings(Sequence[CheckedRecording]):
-    """Recordings in the order of their files: `runs[0]`, `runs[:1]`, or by name, `runs["run2"]`."""
+class Recordings(Sequence[CheckedRecording], Framed):
+    """Recordings in the order of their files: `runs[0]`, `runs[:1]`, or by name, `runs["run2"]`.
+
+    `to_frame` has one below the other: recording (its name), then the columns of `CheckedRecording`; NaN where a
+    recording lacks one.
+    """
 
     items: tuple[CheckedRecording, ...]
 
@@ -152,29 +145,15 @@ class Recordings(Sequence[CheckedRecording]):
             shutil.copyfile(item.recording.path, unfinished)
             unfinished.replace(kept)
 
-    def to_frame(self, library: FrameLibrary | None = None) -> Any:
-        """The samples of all of them in one data frame of pandas or polars, one recording below the other.
-
-        Columns: recording (its name), then those of `CheckedRecording.to_frame`; NaN where a recording lacks one.
-
-        Parameters
-        ----------
-        library : "pandas", "polars" or None
-            None: pandas where it is installed, else polars.
-
-        Raises
-        ------
-        DynidentError
-            Where it is not installed.
-        """
+    def _columns(self) -> Columns:
         found = [item._samples() for item in self.items]
         counts = [len(one.columns["t"]) for one in found]
         names = dict.fromkeys(name for one in found for name in one.columns)
-        columns: dict[str, NDArray[Any]] = {"recording": np.repeat(self.names, counts)}
+        columns: dict[str, NDArray[np.generic]] = {"recording": np.repeat(self.names, counts)}
         for name in names:
             parts = [one.columns.get(name, np.full(m, np.nan)) for one, m in zip(found, counts, strict=True)]
             columns[name] = np.concatenate(parts)
-        return frame_of(columns, library, {name: unit for one in found for name, unit in one.units.items()})
+        return Columns(columns, {name: unit for one in found for name, unit in one.units.items()})
 
     def plot(self) -> Figure:
         """Draw position and torque of every joint over time, one recording below the other."""

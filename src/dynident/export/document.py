@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.effects.memory import MemoryStates
 from dynident.errors import DynidentError
 from dynident.export.completion import complete
+from dynident.export.document_fields import ModelDocument
 from dynident.export.formula import torque_formula
 from dynident.identification import Identification
 from dynident.regressors.base_parameters import BaseParameters
@@ -65,7 +66,7 @@ class PredictingModel:
         return self.observation.torque(entries, self.values)
 
 
-def model_document(identification: Identification) -> dict[str, Any]:
+def model_document(identification: Identification) -> ModelDocument:
     """JSON values of the identified model: what predicts, and what people and other programs read.
 
     `columns` are all standard parameters with their units; `grouping` has the weight of each in every base parameter
@@ -81,7 +82,9 @@ def model_document(identification: Identification) -> dict[str, Any]:
         "joints": [
             {"name": joint.name, "kind": joint.kind, "effort_unit": joint.effort_unit} for joint in model.robot.joints
         ],
-        "effects": [asdict(choice) for choice in model.effects],
+        "effects": [
+            {"effect": one.effect, "joints": one.joints, "shape": one.shape, "runs": one.runs} for one in model.effects
+        ],
         "tolerance": identification.choices.tolerance,
         "arguments": [
             {"name": argument.name, "size": argument.size, "meaning": argument.meaning}
@@ -185,7 +188,7 @@ def _model(document: Mapping[str, Any]) -> PredictingModel:
     return PredictingModel(model, values, reference.vector)
 
 
-def _standard(identification: Identification) -> dict[str, Any] | None:
+def _standard(identification: Identification) -> dict[str, dict[str, float]] | None:
     """A feasible full set of standard parameters, link by link; None where there is none."""
     try:
         found = complete(identification)

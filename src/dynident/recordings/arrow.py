@@ -7,7 +7,6 @@ process that reads a recording.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -37,13 +36,13 @@ def to_floats(column: pa.Array) -> FloatArray:
     return np.frombuffer(column.buffers()[1], dtype=np.float64)[column.offset : column.offset + len(column)]
 
 
-def from_numbers(values: NDArray[Any]) -> pa.Array:
+def from_numbers(values: NDArray[np.generic]) -> pa.Array:
     """Give an array (m,) of numbers as a column."""
     values = np.ascontiguousarray(values)
     return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [None, pa.py_buffer(values)])
 
 
-def to_numbers(column: pa.ChunkedArray) -> NDArray[Any]:
+def to_numbers(column: pa.ChunkedArray) -> NDArray[np.generic]:
     """Give a table's column as a read-only array of its own kind of number; `ValueError` where values are missing."""
     if column.null_count:
         raise ValueError(f"{column.null_count} values are missing")
@@ -56,3 +55,8 @@ def to_numbers(column: pa.ChunkedArray) -> NDArray[Any]:
     if len(parts) == 1:
         return parts[0]
     return np.concatenate(parts) if parts else np.empty(0, dtype=kind)
+
+
+def as_floats(column: pa.ChunkedArray) -> FloatArray:
+    """Give a table's column as float64, read-only where it is that already; `ValueError` where values are missing."""
+    return np.asarray(to_numbers(column), dtype=np.float64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from math import isfinite
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 from dynident.asking import anew, said
 from dynident.errors import DynidentError
@@ -131,16 +131,16 @@ class Revision:
     `RecordingMetadata`. `windows` and `exclude` may be empty: all of it, nothing.
     """
 
-    windows: Windows | None = anew(RecordingMetadata, "windows")
-    exclude: Windows | None = anew(RecordingMetadata, "exclude")
-    columns: Mapping[str, str] = anew(RecordingMetadata, "columns")
-    units: Mapping[str, str] = anew(RecordingMetadata, "units")
-    permutation: Mapping[Axis, tuple[int, ...]] = anew(RecordingMetadata, "permutation")
-    signs: Mapping[str, float] = anew(RecordingMetadata, "signs")
-    scale: Mapping[str, float] = anew(RecordingMetadata, "scale")
-    torque_delay: float | None = anew(RecordingMetadata, DELAY)
-    role: Role | None = anew(RecordingMetadata, "role")
-    name: str | None = anew(RecordingMetadata, "name")
+    windows: Windows | None = anew(RecordingMetadata, "windows", default=None)
+    exclude: Windows | None = anew(RecordingMetadata, "exclude", default=None)
+    columns: Mapping[str, str] = anew(RecordingMetadata, "columns", made_by=dict)
+    units: Mapping[str, str] = anew(RecordingMetadata, "units", made_by=dict)
+    permutation: Mapping[Axis, tuple[int, ...]] = anew(RecordingMetadata, "permutation", made_by=dict)
+    signs: Mapping[str, float] = anew(RecordingMetadata, "signs", made_by=dict)
+    scale: Mapping[str, float] = anew(RecordingMetadata, "scale", made_by=dict)
+    torque_delay: float | None = anew(RecordingMetadata, DELAY, default=None)
+    role: Role | None = anew(RecordingMetadata, "role", default=None)
+    name: str | None = anew(RecordingMetadata, "name", default=None)
 
     def of(self, metadata: RecordingMetadata) -> RecordingMetadata:
         """What is then said of the file.
@@ -166,6 +166,21 @@ class Revision:
 
     def __str__(self) -> str:
         return ", ".join(f"{name} {_written(getattr(self, name))}" for name in self.changes) or "nothing"
+
+
+class RevisionFields(TypedDict, total=False):
+    """The fields of `Revision`, as arguments by keyword."""
+
+    windows: Windows | None
+    exclude: Windows | None
+    columns: Mapping[str, str]
+    units: Mapping[str, str]
+    permutation: Mapping[Axis, tuple[int, ...]]
+    signs: Mapping[str, float]
+    scale: Mapping[str, float]
+    torque_delay: float | None
+    role: Role | None
+    name: str | None
 
 
 def _written(value: object) -> str:

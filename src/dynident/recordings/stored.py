@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
-from dynident.arrays import FloatArray, IntArray
+from dynident.arrays import FloatArray
 from dynident.recordings.arrow import to_numbers
 from dynident.recordings.sources import ParquetSource, stored_columns
 from dynident.recordings.types import WRENCH_NAMES, JointKind, Recording
@@ -21,7 +22,7 @@ _TURNS: JointKind = "revolute"
 class StoredSamples:
     """Samples by column, each (m,), and the unit of each that has one."""
 
-    columns: Mapping[str, FloatArray | IntArray]
+    columns: Mapping[str, NDArray[np.generic]]
     units: Mapping[str, str]
 
 
@@ -41,7 +42,7 @@ def stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -> Sto
     source = recording.source
     if isinstance(source, ParquetSource):
         table = pq.read_table(source.path)
-        columns = {name: to_numbers(table.column(name)) for name in table.column_names}
+        columns: dict[str, NDArray[np.generic]] = {name: to_numbers(table.column(name)) for name in table.column_names}
     else:
         columns = _from_rows(recording)
     return StoredSamples(columns, signal_units(columns, recording.joint_names, kinds))
@@ -61,14 +62,14 @@ def signal_units(
     return {name: units[name] for name in columns if name in units}
 
 
-def _from_rows(recording: Recording) -> dict[str, FloatArray | IntArray]:
+def _from_rows(recording: Recording) -> dict[str, NDArray[np.generic]]:
     parts = [
         rows
         for segment in recording.segments
         for rows in recording.source.rows(segment.first_row, segment.length, segment.length)
     ]
     every = [(one, np.arange(one.length)) for one in recording.segments]
-    columns: dict[str, FloatArray | IntArray] = {
+    columns: dict[str, NDArray[np.generic]] = {
         "t": np.concatenate([one.start_time + k * recording.period for one, k in every]),
         "segment": np.concatenate([np.full(len(k), one.label, dtype=np.int64) for one, k in every]),
     }

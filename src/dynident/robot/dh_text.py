@@ -25,7 +25,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal, NotRequired, TypedDict
 
 from dynident.errors import DynidentError
 from dynident.robot.json_fields import expect_number
@@ -51,6 +51,23 @@ _COLUMNS = {"a": "a", "alpha": "alpha", "α": "alpha", "d": "d", "theta": "theta
 _LABELS = {"joint", "link", "i", "j", "name", "axis", "row", "no", "nr"}
 _VARIABLE = re.compile(r"(?:[+-]\s*)?(?:q|θ|theta|d|r|t)_?\{?(?:\d+|i|j)\}?\*?|(?:[+-]\s*)?[*]")
 _COMMENT = ("#", "%", "//")
+
+
+class PastedRow(TypedDict):
+    """A joint as `robot_from_modified_dh` takes it: rad, m, and 1 as `sigma` where it slides."""
+
+    name: NotRequired[str]
+    alpha: float
+    d: float
+    theta: float
+    r: float
+    sigma: int
+
+
+class PastedTable(TypedDict):
+    """A table as `robot_from_modified_dh` takes it."""
+
+    joints: list[PastedRow]
 
 
 @dataclass(frozen=True)
@@ -91,7 +108,7 @@ def robot_from_dh_text(
     )
 
 
-def table_from_text(text: str, pointer: str = "") -> dict[str, Any]:
+def table_from_text(text: str, pointer: str = "") -> PastedTable:
     """The modified table, as `robot_from_modified_dh` takes it, of a pasted one.
 
     Raises
@@ -189,7 +206,7 @@ def _columns(head: _Line, pointer: str) -> tuple[dict[str, int], set[str], Conve
 
 def _row(
     line: _Line, places: Mapping[str, int], degrees: set[str], length: str, offset: str, pointer: str
-) -> dict[str, Any]:
+) -> PastedRow:
     """A row in the words of Khalil and Kleinfinger, α and d of its own line."""
     if len(line.cells) <= max(places.values()):
         raise _error(f"{len(line.cells)} cells, and the columns need {max(places.values()) + 1}.", line.number, pointer)
@@ -203,7 +220,7 @@ def _row(
     r, slides = read(offset, angle=False)
     if turns and slides:
         raise _error("theta and the offset along z are both variable; one of them is the joint.", line.number, pointer)
-    row: dict[str, Any] = {"alpha": alpha, "d": a, "theta": theta, "r": r, "sigma": int(slides)}
+    row: PastedRow = {"alpha": alpha, "d": a, "theta": theta, "r": r, "sigma": int(slides)}
     named = next((cell for cell in line.cells if re.fullmatch(r"[A-Za-z]\w{2,}", cell) and cell not in _LABELS), None)
     return row if named is None or places.get("theta") == line.cells.index(named) else {"name": named, **row}
 

@@ -2,23 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TypedDict
 
+from dynident.descriptions import DescriptionFormat
 from dynident.robot.description import robot_from_description
 from dynident.robot.model import Description, Robot
 from dynident.robot.stated import Drive, Limits
 
 
-def robot_document(robot: Robot) -> dict[str, Any]:
+class DescriptionDocument(TypedDict):
+    """The text that a robot was made from, and its format."""
+
+    format: DescriptionFormat
+    content: str
+
+
+class LimitsDocument(TypedDict):
+    """The fields of `Limits`."""
+
+    position: tuple[float, float] | None
+    velocity: float | None
+    acceleration: float | None
+    jerk: float | None
+    effort: float | None
+    power: float | None
+
+
+class DriveDocument(TypedDict):
+    """The fields of `Drive`."""
+
+    drive_gain: float | None
+    gear_ratio: float | None
+    torque_constant: float | None
+    amplifier_gain: float | None
+    coupling: Mapping[str, float]
+
+
+class RobotDocument(TypedDict):
+    """A robot; limits and drives by the names of joints, drives alone that are stated, gravity (3,) in m/s²."""
+
+    name: str
+    description: DescriptionDocument
+    limits: Mapping[str, LimitsDocument]
+    drives: Mapping[str, DriveDocument]
+    locked_joints: Mapping[str, float]
+    gravity: Sequence[float]
+
+
+def robot_document(robot: Robot) -> RobotDocument:
     """JSON values from which `robot_from_document` makes the same robot."""
     return {
         "name": robot.name,
-        "description": asdict(robot.description),
-        "limits": {joint.name: asdict(joint.limits) for joint in robot.tree.joints},
+        "description": {"format": robot.description.format, "content": robot.description.content},
+        "limits": {joint.name: _limits_document(joint.limits) for joint in robot.tree.joints},
         "drives": {
-            joint.name: asdict(drive)
+            joint.name: _drive_document(drive)
             for joint, drive in zip(robot.joints, robot.drives, strict=True)
             if drive != Drive()
         },
@@ -27,16 +66,40 @@ def robot_document(robot: Robot) -> dict[str, Any]:
     }
 
 
-def robot_from_document(document: Mapping[str, Any]) -> Robot:
+def robot_from_document(document: RobotDocument) -> Robot:
     """The robot of a document that `robot_document` made."""
     return robot_from_description(
         document["name"],
         Description(**document["description"]),
-        limits={
-            name: Limits(**{**fields, "position": tuple(fields["position"]) if fields["position"] else None})
-            for name, fields in document["limits"].items()
-        },
+        limits={name: _limits(fields) for name, fields in document["limits"].items()},
         drives={name: Drive(**fields) for name, fields in document["drives"].items()},
         locked_joints=document["locked_joints"],
         gravity=document["gravity"],
     )
+
+
+def _limits_document(limits: Limits) -> LimitsDocument:
+    return {
+        "position": limits.position,
+        "velocity": limits.velocity,
+        "acceleration": limits.acceleration,
+        "jerk": limits.jerk,
+        "effort": limits.effort,
+        "power": limits.power,
+    }
+
+
+def _limits(fields: LimitsDocument) -> Limits:
+    position = fields["position"]  # a list, where it has been JSON
+    stated: LimitsDocument = {**fields, "position": (position[0], position[1]) if position else None}
+    return Limits(**stated)
+
+
+def _drive_document(drive: Drive) -> DriveDocument:
+    return {
+        "drive_gain": drive.drive_gain,
+        "gear_ratio": drive.gear_ratio,
+        "torque_constant": drive.torque_constant,
+        "amplifier_gain": drive.amplifier_gain,
+        "coupling": dict(drive.coupling),
+    }

@@ -6,7 +6,6 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 from dynident.errors import DynidentError
 from dynident.robot.pointers import listed, pointer
@@ -15,10 +14,11 @@ _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _EXPRESSION = re.compile(rf"([+-]?)\s*(?:({_NUMBER})\s*\*\s*)?(pi|π)\s*(?:/\s*({_NUMBER}))?")
 
 
-def parse_json(text: str, at: str, title: str) -> Any:
+def parse_json(text: str, at: str, title: str) -> object:
     """Return the value of a JSON text; `DynidentError` names line and column."""
     try:
-        return json.loads(text)
+        value: object = json.loads(text)
+        return value
     except json.JSONDecodeError as error:
         detail = f"line {error.lineno}: The JSON is malformed at column {error.colno}: {error.msg}."
     except RecursionError:
@@ -26,7 +26,7 @@ def parse_json(text: str, at: str, title: str) -> Any:
     raise DynidentError(detail, pointer=at, title=title)
 
 
-def expect_mapping(value: object, allowed: Iterable[str], at: str, title: str) -> Mapping[str, Any]:
+def expect_mapping(value: object, allowed: Iterable[str], at: str, title: str) -> Mapping[str, object]:
     """Return `value` as an object that has no other keys than `allowed`."""
     allowed = tuple(allowed)
     if not isinstance(value, Mapping):

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations_with_replacement
-from typing import Any
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
+
+FactorT = TypeVar("FactorT", bound="Factor")
+
+
+class Factor(Protocol):
+    """What makes another of its own kind when multiplied: an array, an expression."""
+
+    def __mul__(self: FactorT, other: FactorT, /) -> FactorT:
+        """The product."""
+        ...
 
 
 def condition_of(slopes: FloatArray) -> FloatArray:
@@ -20,9 +30,9 @@ def condition_of(slopes: FloatArray) -> FloatArray:
     return np.where(smallest > 0, singular[:, 0] / np.where(smallest > 0, smallest, 1.0), np.inf)
 
 
-def products(factors: Sequence[Any], degree: int) -> list[Any]:
+def products(factors: Sequence[FactorT], degree: int) -> list[FactorT]:
     """All products of up to `degree` factors, arrays or expressions, each made of one before."""
-    made: dict[tuple[int, ...], Any] = {}
+    made: dict[tuple[int, ...], FactorT] = {}
     for count in range(1, degree + 1):
         for places in combinations_with_replacement(range(len(factors)), count):
             last = factors[places[-1]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -18,11 +18,14 @@ from dynident.robot.loops import CLOSED
 from dynident.robot.mjcf_equality import Held, held_by
 from dynident.robot.mjcf_xml import TITLE, mjcf_error, parse_mjcf
 from dynident.robot.model import Description, Robot
-from dynident.robot.pinocchio_model import DescribedJoints, PinocchioModel, from_pinocchio, locked
+from dynident.robot.pinocchio_model import DescribedJoints, from_pinocchio, locked
 from dynident.robot.pointers import listed
 from dynident.robot.settings import settings_from
 from dynident.robot.stated import Drive, Limits
 from dynident.robot.xml_text import Element, write_in_place
+
+if TYPE_CHECKING:
+    import mujoco
 
 _RESERVED = ("universe", "base")
 _LENGTH_FREE = 1e-12
@@ -80,7 +83,7 @@ def robot_from_mjcf(
     return linked(tree, held.ties, title=TITLE, locked=settings.locked_joints, cuts=cuts)
 
 
-def _compiled(root: Element, pointer: str) -> Any:
+def _compiled(root: Element, pointer: str) -> mujoco.MjModel:
     """The `mujoco.MjModel` of the reduced text."""
     try:
         import mujoco
@@ -94,7 +97,7 @@ def _compiled(root: Element, pointer: str) -> Any:
         raise mjcf_error(f"MuJoCo does not take the model: {detail}", None, pointer) from error
 
 
-def _tree(compiled: Any, name: str, pointer: str) -> tuple[PinocchioModel, dict[str, str]]:
+def _tree(compiled: mujoco.MjModel, name: str, pointer: str) -> tuple[pin.Model, dict[str, str]]:
     """The joints of a compiled model, with frames of its bodies and sites ("body 3", "site 0"), and the bodies that
     joints move by their names."""
     model = pin.Model()
@@ -147,7 +150,7 @@ def _moved(kind: int, axis: FloatArray, distance: float) -> pin.SE3:
     return pin.SE3(np.eye(3), distance * axis)
 
 
-def _limits(compiled: Any) -> Iterator[tuple[str, Limits]]:
+def _limits(compiled: mujoco.MjModel) -> Iterator[tuple[str, Limits]]:
     """Range of every joint, and the largest torque of the actuators that act on it by themselves, if all have one."""
     efforts: dict[int, float] = {}
     unlimited: set[int] = set()
@@ -175,7 +178,7 @@ def _limits(compiled: Any) -> Iterator[tuple[str, Limits]]:
         yield compiled.joint(j).name, Limits((float(low), float(high)) if bounded else None, effort=effort)
 
 
-def _cuts(held: Held, model: PinocchioModel, tree: Robot, at: str) -> Cuts:
+def _cuts(held: Held, model: pin.Model, tree: Robot, at: str) -> Cuts:
     """The loops between joints of the tree that `model` has become, and which of their joints are passive."""
     loops: list[Loop] = []
     inside: set[int] = set()
@@ -200,6 +203,6 @@ def _cuts(held: Held, model: PinocchioModel, tree: Robot, at: str) -> Cuts:
     return Cuts(tuple(loops), passive, held.starts, repeated=True)
 
 
-def _end(model: PinocchioModel, frame: str, place: pin.SE3) -> End:
+def _end(model: pin.Model, frame: str, place: pin.SE3) -> End:
     found = model.frames[model.getFrameId(frame)]
     return End(found.parentJoint - 1, (found.placement * place).homogeneous)

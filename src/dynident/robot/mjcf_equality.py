@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +14,9 @@ from dynident.robot.cut_joints import LoopKind
 from dynident.robot.linkage import Tie
 from dynident.robot.mjcf_xml import mjcf_error
 from dynident.robot.pointers import listed
+
+if TYPE_CHECKING:
+    import mujoco
 
 _CONNECT, _WELD, _JOINT, _TENDON = 0, 1, 2, 3
 _SITE, _WRAPPED_JOINT, _THROUGH_TENDON = 6, 1, 3
@@ -53,7 +56,7 @@ class _Linear:
     line: int
 
 
-def held_by(compiled: Any, lines: Mapping[str, int], pointer: str) -> Held:
+def held_by(compiled: mujoco.MjModel, lines: Mapping[str, int], pointer: str) -> Held:
     """Read the equalities that are active; `lines` are those of the text by their names.
 
     Raises
@@ -78,7 +81,7 @@ def held_by(compiled: Any, lines: Mapping[str, int], pointer: str) -> Held:
     return Held(ties, fixed, tuple(loops), frozenset(directly | by_tendon) - set(ties), starts)
 
 
-def _coincidence(compiled: Any, k: int, name: str, line: int) -> Coincidence:
+def _coincidence(compiled: mujoco.MjModel, k: int, name: str, line: int) -> Coincidence:
     ids, data = (compiled.eq_obj1id[k], compiled.eq_obj2id[k]), compiled.eq_data[k]
     kind: LoopKind = "point" if compiled.eq_type[k] == _CONNECT else "full"
     if compiled.eq_objtype[k] == _SITE:
@@ -96,7 +99,7 @@ def _at(place: FloatArray) -> pin.SE3:
     return pin.SE3(np.eye(3), np.array(place))
 
 
-def _linear(compiled: Any, k: int, line: int, pointer: str) -> _Linear:
+def _linear(compiled: mujoco.MjModel, k: int, line: int, pointer: str) -> _Linear:
     """q₁ - r₁ = a₀ + a₁ (q₂ - r₂) of joints or tendons, r where the file is drawn."""
     tied, data = int(compiled.eq_type[k]) == _TENDON, compiled.eq_data[k]
     if np.any(data[2:5]):
@@ -116,7 +119,7 @@ def _linear(compiled: Any, k: int, line: int, pointer: str) -> _Linear:
     return _Linear(ratios, float(data[0]) + at - float(data[1]) * other, line)
 
 
-def _lengths(compiled: Any, index: int, tendon: bool) -> tuple[dict[str, float], float]:
+def _lengths(compiled: mujoco.MjModel, index: int, tendon: bool) -> tuple[dict[str, float], float]:
     """A joint, or the joints of a fixed tendon, with their ratios, and how long that is where the file is drawn."""
     if not tendon:
         return {compiled.joint(index).name: 1.0}, float(compiled.qpos0[compiled.jnt_qposadr[index]])
@@ -130,7 +133,7 @@ def _lengths(compiled: Any, index: int, tendon: bool) -> tuple[dict[str, float],
     return ratios, length
 
 
-def _actuated(compiled: Any) -> tuple[set[str], set[str]]:
+def _actuated(compiled: mujoco.MjModel) -> tuple[set[str], set[str]]:
     """Joints that an actuator acts on by itself, and by way of a tendon."""
     directly: set[str] = set()
     by_tendon: set[str] = set()

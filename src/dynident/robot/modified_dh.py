@@ -46,7 +46,6 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -65,7 +64,6 @@ from dynident.robot.linkage import Cuts, Tie, followers_locked, linked
 from dynident.robot.model import INERTIAL_NAMES, Description, JointKind, Robot
 from dynident.robot.pinocchio_model import (
     DescribedJoints,
-    PinocchioModel,
     dynamic_parameters,
     from_pinocchio,
     inertial_parameters,
@@ -117,7 +115,7 @@ class Row:
 
 def robot_from_modified_dh(
     name: str,
-    table: str | Mapping[str, Any] | Sequence[Mapping[str, Any]],
+    table: str | Mapping[str, object] | Sequence[Mapping[str, object]],
     *,
     limits: Mapping[str, Limits] | None = None,
     drives: Mapping[str, Drive] | None = None,
@@ -223,7 +221,7 @@ def _row(item: object, above: Sequence[Row], at: str) -> Row:
     )
 
 
-def _passive(fields: Mapping[str, Any], at: str) -> bool:
+def _passive(fields: Mapping[str, object], at: str) -> bool:
     value = fields.get("passive", False)
     if not isinstance(value, bool):
         raise DynidentError("Expected true or false.", pointer=at, title=TITLE)
@@ -267,7 +265,7 @@ def _limits(value: object, joint: str, at: str) -> Limits:
     return limits
 
 
-def _inertia(fields: Mapping[str, Any], at: str) -> FloatArray:
+def _inertia(fields: Mapping[str, object], at: str) -> FloatArray:
     if "inertia" in fields and "mass_properties" in fields:
         detail = "State either inertia or mass_properties, not both."
         raise DynidentError(detail, pointer=f"{at}/mass_properties", title=TITLE)
@@ -312,7 +310,7 @@ def _about_origin(value: object, at: str) -> FloatArray:
     return inertial_parameters(pin.Inertia(mass, center, tensor).toDynamicParameters())
 
 
-def _model(name: str, rows: Sequence[Row]) -> PinocchioModel:
+def _model(name: str, rows: Sequence[Row]) -> pin.Model:
     model = pin.Model()
     model.name = name
     for row in rows:

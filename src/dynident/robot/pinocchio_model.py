@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,9 +14,6 @@ from dynident.robot.model import Description, Joint, JointKind, Robot
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_axis, mend_placement
 from dynident.robot.settings import Settings, check_names, merged_limits
 from dynident.robot.stated import Drive, Limits
-
-PinocchioModel = Any
-"""`pinocchio.Model`, which has no type stubs."""
 
 MOST_JOINTS = 100
 """Moving joints of a robot. A model of more takes gigabytes, and no machine that is identified as one has as many."""
@@ -40,7 +36,7 @@ def inertial_parameters(dynamic: FloatArray) -> FloatArray:
     return dynamic[..., _FROM_DYNAMIC]
 
 
-def to_pinocchio(robot: Robot) -> PinocchioModel:
+def to_pinocchio(robot: Robot) -> pin.Model:
     """Return the Pinocchio model of the robot: same joints, order and frames; one coordinate a joint.
 
     Where joints follow others, it is that of the whole tree: Pinocchio knows nothing of what holds it together.
@@ -91,7 +87,7 @@ class DescribedJoints:
 
 
 def from_pinocchio(
-    model: PinocchioModel,
+    model: pin.Model,
     name: str,
     description: Description,
     settings: Settings,
@@ -137,7 +133,7 @@ def from_pinocchio(
     )
 
 
-def locked(model: PinocchioModel, values: Mapping[str, float]) -> PinocchioModel:
+def locked(model: pin.Model, values: Mapping[str, float]) -> pin.Model:
     """The model with joints held at positions (rad, m) by their names; its frames stay."""
     if not values:
         return model
@@ -150,7 +146,7 @@ def locked(model: PinocchioModel, values: Mapping[str, float]) -> PinocchioModel
     return pin.buildReducedModel(model, indices, configuration)
 
 
-def _joints(model: PinocchioModel, tolerance: float) -> list[Joint]:
+def _joints(model: pin.Model, tolerance: float) -> list[Joint]:
     neutral = pin.neutral(model)
     joints = []
     for index in range(1, model.njoints):

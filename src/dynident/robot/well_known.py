@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from importlib.resources import files
 
 from dynident.errors import DynidentError
-from dynident.robot.json_fields import parse_json
 from dynident.robot.model import Robot
-from dynident.robot.modified_dh import TITLE, robot_from_modified_dh
+from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident.robot.pointers import listed
 
 _FOLDER = files("dynident.robot") / "library"
@@ -34,7 +34,8 @@ def library_table(name: str) -> str:
 
 def library_source(name: str) -> str:
     """Return what is published and what is merely plausible in the description of an arm."""
-    return str(parse_json(library_table(name), "", TITLE)["source"])
+    source: str = json.loads(library_table(name))["source"]
+    return source
 
 
 def robot_from_library(name: str) -> Robot:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, fields, make_dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from dynident.asking import Choice, check_ranges, retold, said, said_of
 from dynident.errors import DynidentError
@@ -15,6 +15,25 @@ if TYPE_CHECKING:
     from dynident.identification import Identification
     from dynident.progress import Progress
     from dynident.recordings import Recording
+    from dynident.validation import (
+        BootstrapValidation,
+        FiltersBySimulation,
+        InertiaMatrixValidation,
+        MethodsValidation,
+        PayloadValidation,
+        SimulationValidation,
+        TorqueValidation,
+    )
+
+    TrialResult: TypeAlias = (
+        TorqueValidation
+        | InertiaMatrixValidation
+        | MethodsValidation
+        | FiltersBySimulation
+        | BootstrapValidation
+        | list[PayloadValidation]
+        | list[SimulationValidation]
+    )
 
 
 @dataclass(frozen=True)
@@ -37,7 +56,7 @@ class Trial(Kind):
     of_model_alone: ClassVar[bool] = False
     takes_recordings: ClassVar[bool] = True
 
-    def judge(self, tried: Tried) -> Any:
+    def judge(self, tried: Tried) -> TrialResult:
         """Make it: the result of its kind, or of several recordings a list of such."""
         raise NotImplementedError
 
@@ -52,7 +71,7 @@ class Direct(Trial):
 
     limit: float | None = said("Largest relative error that passes, 0.15", default=None, above=0, at_most=10)
 
-    def judge(self, tried: Tried) -> Any:
+    def judge(self, tried: Tried) -> TorqueValidation:
         """Make it."""
         from dynident.validation import LARGEST_ERROR, validate_direct
 
@@ -68,7 +87,7 @@ class Cross(Trial):
 
     limit: float | None = said("Largest relative error that passes, 0.15", default=None, above=0, at_most=10)
 
-    def judge(self, tried: Tried) -> Any:
+    def judge(self, tried: Tried) -> TorqueValidation:
         """Make it."""
         from dynident.validation import LARGEST_ERROR, validate_cross
 
@@ -87,7 +106,7 @@ class InertiaMatrix(Trial):
 
     seed: int = said("Of the postures that are drawn", default=0, at_least=0)
 
-    def judge(self, tried: Tried) -> Any:
+    def judge(self, tried: Tried) -> InertiaMatrixValidation:
         """Make it."""
         from dynident.validation import validate_inertia_matrix
 
@@ -106,7 +125,7 @@ class Payload(Trial):
         "The known mass, where the measurements do not state it", default=None, unit="kg", above=0
     )
 
-    def judge(self, tried: Tried) -> Any:
+    def judge(self, tried: Tried) -> list[PayloadValidation]:
         """Make it on each recording with the load; `others` are those without."""
         from dynident.validation import validate_payload
 
@@ -128,7 +147,7 @@ class Methods(Trial):
         "Which; all that are available if left out", default=None, fewest=1, most=100, option="-"
     )
 
-    def judge(self, tried: Tried) -> Any:
+    def judge(self, tried: Tried) -> MethodsValidation:
         """Make it: `others` are the data of the fit, `recordings` those that the model has not seen."""
         from dynident.validation import validate_methods
 
@@ -145,7 +164,7 @@ class Simulation(Trial):
     limit: float | None = said("Largest relative error that passes, 0.15", default=None, above=0, at_most=10)
     longest: float | None = said("Simulated at most", default=None, unit="s", above=0, at_most=300)
 
-    def judge(self, tried: Tried) -> Any:
+    def judge(self, tried: Tried) -> list[SimulationValidation]:
         """Make it on each recording."""
         from dynident.progress import part
         from dynident.validation import LARGEST_ERROR, validate_simulation
@@ -171,7 +190,7 @@ class Filters(Trial):
     longest: float | None = said("Simulated at most", default=None, unit="s", above=0, at_most=300)
     seed: int = said("Of the noise that is drawn", default=0, at_least=0)
 
-    def judge(self, tried: Tried) -> Any:
+    def judge(self, tried: Tried) -> FiltersBySimulation:
         """Make it on the first recording."""
         from dynident.validation import filters_by_simulation
         from dynident.validation.filters import LONGEST
@@ -199,7 +218,7 @@ class Bootstrap(Trial):
     draws: int | None = said("How often stretches of time are drawn, 999", default=None, at_least=99, at_most=9999)
     seed: int = said("Of the stretches of time that are drawn", default=0, at_least=0)
 
-    def judge(self, tried: Tried) -> Any:
+    def judge(self, tried: Tried) -> BootstrapValidation:
         """Make it."""
         from dynident.estimation.bootstrap import DRAWS
         from dynident.validation import validate_bootstrap
@@ -253,7 +272,7 @@ Stated = _stated()
 """What is stated of a validation beside its kind: the fields of all kinds, flat."""
 
 
-def trial_of(kind: str, stated: Mapping[str, Any]) -> Trial:
+def trial_of(kind: str, stated: Mapping[str, object]) -> Trial:
     """The validation of a kind with what is stated of it; None counts as not stated.
 
     Raises

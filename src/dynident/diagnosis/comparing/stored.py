@@ -23,7 +23,7 @@ from dynident.diagnosis.comparing.spectrum import (
     time_spectrum,
 )
 from dynident.errors import DynidentError
-from dynident.recordings.arrow import from_numbers, to_numbers
+from dynident.recordings.arrow import as_floats, from_numbers
 from dynident.recordings.phases import Phase
 
 SIGNALS = ("measured", "predicted", "lower", "upper", "residual", "phase", "deviation", "q", "dq", "ddq", "load")
@@ -213,7 +213,7 @@ class StoredComparison:
     def _read(self, *columns: str, groups: list[int] | None = None) -> list[FloatArray]:
         wanted = sorted(set(columns))
         table = self._file.read(wanted) if groups is None else self._file.read_row_groups(groups, wanted)
-        return [to_numbers(table[name]) for name in columns]
+        return [as_floats(table[name]) for name in columns]
 
     def _index(self, joint: str) -> int:
         if joint not in self.joint_names:

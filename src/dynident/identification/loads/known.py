@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from dynident.asking import said
 
@@ -20,7 +19,7 @@ class KnownLoad:
         "Centre of the known load in the last joint's frame, where known", default=None, unit="m"
     )
 
-    def over(self, own: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+    def over(self, own: Mapping[str, object] | None) -> Mapping[str, object] | None:
         """What is stated of a recording's payload: `own` by itself, or this over it."""
         stated = {"mass": self.mass, "centre": self.centre}
         given = {name: value for name, value in stated.items() if value is not None}

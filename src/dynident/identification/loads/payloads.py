@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -74,7 +73,7 @@ def known_payload(recording: Recording) -> KnownPayload:
     return stated_payload(recording.name, recording.payload)
 
 
-def stated_payload(name: str, payload: Mapping[str, Any] | None) -> KnownPayload:
+def stated_payload(name: str, payload: Mapping[str, object] | None) -> KnownPayload:
     """The same of a recording that is not at hand, by its name and what is stated of its payload."""
     if payload is None:
         raise _unusable(name, "", 'no payload is stated; give "payload": {"mass": …} in kg')

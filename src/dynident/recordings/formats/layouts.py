@@ -8,13 +8,18 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import Field, dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import Fielddefs
+
+MessageT = TypeVar("MessageT", bound="Message")
 
 Content = tuple[Sequence[str], Sequence[float] | FloatArray, tuple[int, int] | None]
 """Names and values of a message, and its stamp in whole seconds and nanoseconds."""
@@ -63,12 +68,19 @@ def _numbers(whole: NDArray[np.uint8], places: IntArray, kind: str) -> FloatArra
     return np.asarray(np.ascontiguousarray(found).view(kind)[..., 0])
 
 
+class Message(Protocol):
+    """A message that was unpacked: a dataclass of a type with a name."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+    __msgtype__: ClassVar[str]
+
+
 def learned(
     data: bytes,
-    message: Any,
-    fields: Callable[[str], Sequence[tuple[str, Any]]],
-    written: Callable[[Any], bytes],
-    content: Callable[[Any], Content],
+    message: MessageT,
+    fields: Callable[[str], Fielddefs],
+    written: Callable[[MessageT], bytes],
+    content: Callable[[MessageT], Content],
 ) -> Layout | None:
     """Learn the layout of a message: None where its numbers are not found again, as of types that are rare.
 
@@ -106,10 +118,10 @@ def learned(
 class _Marks:
     """Puts numbers into a message that tell their places: each another one, and in two versions no byte alike."""
 
-    def __init__(self, fields: Callable[[str], Sequence[tuple[str, Any]]], which: int) -> None:
+    def __init__(self, fields: Callable[[str], Fielddefs], which: int) -> None:
         self._fields, self._which, self._count = fields, which, 0
 
-    def marked(self, message: Any) -> Any:
+    def marked(self, message: MessageT) -> MessageT:
         kinds = dict(self._fields(message.__msgtype__))
         return replace(message, **{name: self._value(getattr(message, name), kind) for name, kind in kinds.items()})
 

@@ -16,7 +16,7 @@ from dynident.reports.numbers import percent
 def candidates_figure(candidates: Sequence[RankedEffect]) -> Markup:
     """How much every family of effects lowers the error on data left out of the fit."""
     figure, grid = panels(1, 1, 0.3 * len(candidates) + 0.35, margins=Margins(left=2.65))
-    axes = grid[0, 0]
+    axes = grid[0][0]
     places = np.arange(len(candidates))[::-1]
     drops = [100 * max(item.error_drop, 0.0) for item in candidates]
     colours = [GOOD if item.significant else MUTED for item in candidates]

@@ -19,7 +19,7 @@ _ROOM = 0.15
 def changes_figure(changes: Sequence[Change]) -> Markup:
     """One row a change, at least one, each on an axis of its own unit: the difference and where it lies by 95 %."""
     figure, grid = panels(len(changes), 1, _ROW, margins=Margins(left=0.3, right=0.3, bottom=0.3))
-    for axes, change in zip(grid[:, 0], changes, strict=True):
+    for [axes], change in zip(grid, changes, strict=True):
         _row(axes, change)
     words = [f"{_title(one)} {number(one.main.value)} {_unit(one)}" for one in changes]
     return to_svg(figure, f"Differences since the baseline with their intervals of 95 %. {'; '.join(words)}.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 from markupsafe import Markup
@@ -29,14 +30,14 @@ def courses_figure(found: Series) -> Markup:
     if not drawn:
         return Markup("")
     figure, grid = panels(len(rows), len(joints), 1.5, margins=Margins(left=0.55, bottom=0.62), gap=0.42)
-    for axes in grid.flat:
+    for axes in chain.from_iterable(grid):
         axes.set_visible(False)
     for course in drawn:
-        axes = grid[rows.index(_kind(course)), joints.index(course.joint)]
+        axes = grid[rows.index(_kind(course))][joints.index(course.joint)]
         axes.set_visible(True)
         _draw(axes, course, [one.since for one in found.changes if _is_of(course, one.change.choice)])
     for k in range(len(joints)):
-        shown = [axes for axes in grid[:, k] if axes.get_visible()]
+        shown = [row[k] for row in grid if row[k].get_visible()]
         _name_days(shown[-1], found.days)
     return to_svg(figure, f"{len(drawn)} parameters over {len(found.days)} days, with 95 % intervals. {found.summary}")
 

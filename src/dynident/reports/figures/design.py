@@ -37,10 +37,10 @@ def design_figure(design: Design, robot: Robot) -> Markup:
         _over_time(axes, design, values)
         panel_title(axes, f"{name}, share of limit, over time (s)")
     taken = _taken(_inside(design))
-    _phases(grid[1, 0], _parted(position[taken], taken), _parted(velocity[taken], taken))
-    _tool(grid[1, 1], grid[1, 2], _parted(tool_path(robot, design.q[taken]), taken))
+    _phases(grid[1][0], _parted(position[taken], taken), _parted(velocity[taken], taken))
+    _tool(grid[1][1], grid[1][2], _parted(tool_path(robot, design.q[taken]), taken))
     legend = figure.legend(
-        grid[0, 0].get_lines()[: len(design.joint_names)],
+        grid[0][0].get_lines()[: len(design.joint_names)],
         [shortened(name) for name in design.joint_names],
         loc="lower left",
         ncols=min(7, max(1, 110 // max(len(shortened(name)) + 6 for name in design.joint_names))),

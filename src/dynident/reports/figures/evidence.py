@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 
 from markupsafe import Markup
 from matplotlib.axes import Axes
@@ -22,11 +23,12 @@ def evidence_figure(shown: Sequence[Evidence], robot: Robot) -> Markup:
     columns = min(_ACROSS, len(shown))
     rows = -(-len(shown) // columns)
     figure, grid = panels(rows, columns, _ROW + (0.25 if rows > 1 else 0.0), below=_LABELLED)
-    for axes, one in zip(grid.flat, shown, strict=False):
+    every = list(chain.from_iterable(grid))
+    for axes, one in zip(every, shown, strict=False):
         _panel(axes, one, robot.tree.joints[robot.tree.joint_names.index(one.joint)].effort_unit)
-    for axes in grid.flat[len(shown) :]:
+    for axes in every[len(shown) :]:
         axes.set_axis_off()
-    grid[0, 0].legend(fontsize=8, frameon=False, loc="best")
+    grid[0][0].legend(fontsize=8, frameon=False, loc="best")
     words = [
         f"{effect_by_id(one.effect).title} on {one.joint} explains {percent(one.explained, 2)} of its squares"
         for one in shown

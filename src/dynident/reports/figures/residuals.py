@@ -34,10 +34,10 @@ def residual_figure(comparisons: Sequence[Comparison], joints: Sequence[int]) ->
             ("load torque", first.units[joint], [c.load[:, joint] for c in comparisons]),
         )
         for column, (name, unit, parts) in enumerate(signals):
-            _density(grid[row, column], np.concatenate(parts), residual)
+            _density(grid[row][column], np.concatenate(parts), residual)
             if row == len(joints) - 1:
-                grid[row, column].set_xlabel(f"{name} ({unit})", fontsize=8)
-        panel_title(grid[row, 0], f"{first.joint_names[joint]}, residual ({first.units[joint]})")
+                grid[row][column].set_xlabel(f"{name} ({unit})", fontsize=8)
+        panel_title(grid[row][0], f"{first.joint_names[joint]}, residual ({first.units[joint]})")
     names = ", ".join(first.joint_names[j] for j in joints)
     return to_svg(
         figure,

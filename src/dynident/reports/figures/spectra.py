@@ -24,20 +24,20 @@ def spectra_figure(comparison: Comparison, joints: range) -> Markup:
         unit = comparison.units[joint]
         name = comparison.joint_names[joint]
         try:
-            _line(grid[row, 0], time_spectrum(comparison.t, comparison.segment, residual), 1.0)
+            _line(grid[row][0], time_spectrum(comparison.t, comparison.segment, residual), 1.0)
         except DynidentError as error:
-            _nothing(grid[row, 0], error.title)
+            _nothing(grid[row][0], error.title)
         revolute = unit == "N m"
         turn, highest = (2.0 * np.pi, HIGHEST_IN_A_RADIAN) if revolute else (1.0, HIGHEST_IN_A_METRE)
         q, dq = comparison.q[:, joint], comparison.dq[:, joint]
         try:
-            _line(grid[row, 1], angle_spectrum(q, dq, residual, highest), turn)
+            _line(grid[row][1], angle_spectrum(q, dq, residual, highest), turn)
         except DynidentError as error:
-            _nothing(grid[row, 1], error.title)
-        panel_title(grid[row, 0], f"{name}, amplitude of the residual ({unit})")
+            _nothing(grid[row][1], error.title)
+        panel_title(grid[row][0], f"{name}, amplitude of the residual ({unit})")
         if row == len(joints) - 1:
-            grid[row, 0].set_xlabel("over time: frequency (Hz)", fontsize=8)
-            grid[row, 1].set_xlabel(
+            grid[row][0].set_xlabel("over time: frequency (Hz)", fontsize=8)
+            grid[row][1].set_xlabel(
                 "over the joint's position: cycles per turn (per metre on a linear joint)", fontsize=8
             )
     names = ", ".join(comparison.joint_names[j] for j in joints)

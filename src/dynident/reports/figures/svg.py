@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from threading import Lock
-from typing import Any, Literal
+from typing import Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser
 
-AxesGrid = np.ndarray[tuple[int, int], np.dtype[Any]]
-"""Axes (rows, columns)."""
+AxesGrid = list[list[Axes]]
+"""Rows of axes."""
 
 # Okabe and Ito's palette: told apart by everybody, and in grey.
 MEASURED, PREDICTED, RESIDUAL, BAND = "#4d4d4d", "#d55e00", "#0072b2", "#56b4e9"
@@ -70,13 +70,14 @@ def panels(
     spans = free * ratios / ratios.sum()
     starts = room.left + np.concatenate([[0.0], np.cumsum(spans + gap)[:-1]])
     panel = height - _TITLE_HEIGHT - (below if rows > 1 else 0.0)
-    grid = np.empty((rows, columns), dtype=object)
+    grid: AxesGrid = []
     for row in range(rows):
         low = total - room.top - row * height - _TITLE_HEIGHT - panel
+        grid.append([])
         for column in range(columns):
             box = (starts[column] / WIDTH, low / total, spans[column] / WIDTH, panel / total)
-            grid[row, column] = figure.add_axes(box)
-            _plain(grid[row, column])
+            grid[row].append(figure.add_axes(box))
+            _plain(grid[row][column])
     return figure, grid
 
 

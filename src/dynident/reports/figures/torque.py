@@ -42,8 +42,8 @@ def torque_figure(comparison: Comparison, joints: Sequence[int], name: str) -> M
     figure, grid = panels(len(joints), 2, _ROW, widths=(3, 2), margins=Margins(top=0.25))
     axis = time_axis(comparison)
     for row, joint in enumerate(joints):
-        _torque(grid[row, 0], comparison, axis, joint)
-        _residual(grid[row, 1], comparison, axis, joint)
+        _torque(grid[row][0], comparison, axis, joint)
+        _residual(grid[row][1], comparison, axis, joint)
     for axes in grid[-1]:
         axes.set_xlabel(axis.label, fontsize=8)
     _legend(figure, grid, comparison, joints)

@@ -1,0 +1,52 @@
+"""What is answered, by the contract: written by `python -m dynident_service.openapi`, not by hand."""
+
+from __future__ import annotations
+
+from typing import TypedDict
+
+
+class EffectChoice(TypedDict):
+    """An effect of the catalogue, on some joints."""
+
+    effect: str
+    """An id of GET /v1/effects"""
+    joints: list[str]
+    """Names; all that the effect may sit on where none is given."""
+    runs: list[str]
+    """Names of the measurements, or labels of their runs, that it is in"""
+    shape_parameters: dict[str, float]
+    """Shape constants; searched where not given."""
+
+
+class ErrorFigures(TypedDict):
+    """Errors of a model on rows: rms in N m or N, relative as ||y − ŷ|| / ||y||; null where a joint has no such row."""
+
+    relative: list[float | None]
+    """Per joint"""
+    relative_total: float | None
+    rms: list[float | None]
+    """Per joint"""
+
+
+class ErrorsView(TypedDict):
+    """Errors of a model on data: on all rows, at rest the distance to what static friction may hold."""
+
+    moving: ErrorFigures | None
+    """On the rows where each joint moves; null where that was not looked at"""
+    relative: list[float | None]
+    """Per joint"""
+    relative_total: float | None
+    rms: list[float | None]
+    """Per joint"""
+    sigma: list[float | None] | None
+    """Standard deviation of the residual per joint"""
+
+
+class UsedPreprocessing(TypedDict):
+    """The filters that were used, and why."""
+
+    decimation: int
+    filter_order: int
+    position_cutoff: float | None
+    reasons: list[str]
+    torque_cutoff: float | None
