@@ -18,6 +18,7 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.expressions import Program
+from dynident.expressions.angles import Turns, turned
 from dynident.robot.cut_joints import Loop, gap_of, sparse
 from dynident.robot.elimination import Pivots, pivots_of, solved
 from dynident.robot.loop_errors import TITLE, loop_error, redundant
@@ -101,7 +102,7 @@ class Closure:
 
     @cached_property
     def solution(self) -> ca.Function:
-        """(q_a) -> x SX (p, 1)."""
+        """(q_a) -> x, cos x and sin x SX (p, 1)."""
         found = passive_positions(self)
         if found is None:
             raise loop_error(
@@ -110,6 +111,10 @@ class Closure:
                 self.loops[0],
             )
         return found
+
+    def closed(self, expression: ca.SX, driven: ca.SX) -> ca.SX:
+        """An expression of the symbols of x as one of the driven positions SX (n, 1)."""
+        return turned(expression, self.symbols[1], Turns(*self.solution(driven)))
 
     def solve(self, right: ca.SX) -> ca.SX:
         """(∂φ/∂x)⁻¹ right, SX (p, k) of expressions SX (equations, k)."""
@@ -271,7 +276,7 @@ class Closure:
 
     @cached_property
     def _passive(self) -> Program:
-        return Program([self.symbols[0]], ca.densify(self.solution(self.symbols[0])))
+        return Program([self.symbols[0]], ca.densify(self.solution(self.symbols[0])[0]))
 
     def evaluated(self, q: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """φ (m, e) and ∂φ/∂x (m, e, p)."""

@@ -1,9 +1,10 @@
-"""Passive positions as expressions of the driven ones: a polynomial's guess, and what makes it exact.
+"""Passive positions as expressions of the driven ones: in closed form, or a polynomial's guess and what makes it exact.
 
-From a guess x₀ the way to the closed posture is φ(x(t)) = (1 - t) φ(x₀), 0 ≤ t ≤ 1. Its Taylor series at x₀ is Newton's
-step where it ends after the first term; every further one (Chebyshev's method, and so on) takes one power more of the
-guess's error off, and needs no sine or cosine that the first one has not computed. Which degree of the polynomial and
-which terms make the shortest code is found by trying.
+Where every loop is a triangle, that is solved (`dyads`). Elsewhere, from a guess x₀ the way to the closed posture is
+φ(x(t)) = (1 - t) φ(x₀), 0 ≤ t ≤ 1. Its Taylor series at x₀ is Newton's step where it ends after the first term; every
+further one (Chebyshev's method, and so on) takes one power more of the guess's error off, and needs no sine or cosine
+that the first one has not computed. Which degree of the polynomial and which terms make the shortest code is found by
+trying.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ import casadi as ca
 import numpy as np
 
 from dynident.arrays import FloatArray
+from dynident.expressions.angles import Turns
+from dynident.robot.dyads import solved_by_triangles
 from dynident.robot.loop_numbers import products
 
 if TYPE_CHECKING:
@@ -34,11 +37,14 @@ _Steps = tuple[int, ...]
 
 
 def passive_positions(closure: Closure) -> ca.Function | None:
-    """(q_a) -> x SX (p, 1), exact within the limits of the driven joints; `None` where no polynomial comes near enough.
+    """(q_a) -> x, cos x and sin x SX (p, 1), exact within the limits of the driven joints.
 
-    Tried on closed postures within the limits, far from singular ones.
+    `None` where no polynomial comes near enough. Tried on closed postures within the limits, far from singular ones.
     """
     q, x = closure.sampled(_SAMPLES)
+    turns = solved_by_triangles(closure, q, x)
+    if turns is not None:
+        return _function(closure, turns)
     steps = {order: _step(closure, order) for order in _ORDERS}
     guesses = {degree: _fitted(closure, q, x, degree) for degree in _DEGREES}
     known: dict[tuple[int, _Steps], FloatArray] = {(d, ()): _at(guess, q) for d, guess in guesses.items()}
@@ -60,8 +66,12 @@ def passive_positions(closure: Closure) -> ca.Function | None:
             value = guesses[degree](driven)
             for order in orders:
                 value = steps[order](driven, value)
-            return ca.Function("solution", [driven], [value])
+            return _function(closure, Turns.of(value))
     return None
+
+
+def _function(closure: Closure, turns: Turns) -> ca.Function:
+    return ca.Function("solution", [closure.symbols[0]], [turns.angles, turns.cosines, turns.sines])
 
 
 def work_of(function: ca.Function) -> int:
