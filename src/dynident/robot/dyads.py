@@ -52,24 +52,44 @@ class _Plane:
 
 
 def solved_by_triangles(closure: Closure, q: FloatArray, x: FloatArray) -> Turns | None:
-    """The passive coordinates SX (p, 1) of a closure's driven symbols; `None` where some of its loops are no such.
+    """The passive coordinates SX (p, 1) of a closure's driven symbols; `None` where some of its loops are no triangles.
 
-    `q` (m, n) and `x` (m, p) are closed postures on the branch of the start.
+    `q` (m, n) and `x` (m, p) are closed postures on the branch of the start. A triangle's sides may be those of others.
     """
     found = Turns(*(ca.SX.zeros(closure.p) for _ in range(3)))
-    for rows, unknowns, _ in closure.groups:
-        part = _solved(closure, rows, unknowns, q, x)
+    for rows, unknowns in _one_after_the_other(closure):
+        part = _solved(closure, rows, unknowns, found, q, x)
         if part is None:
             return None
         found.angles[unknowns], found.cosines[unknowns], found.sines[unknowns] = part.angles, part.cosines, part.sines
     return found
 
 
-def _solved(closure: Closure, rows: list[int], unknowns: list[int], q: FloatArray, x: FloatArray) -> Turns | None:
+def _one_after_the_other(closure: Closure) -> list[tuple[list[int], list[int]]]:
+    """Equations and the passive coordinates that they determine, from those that all of the others are known of."""
+    over = np.asarray(ca.DM(closure.slopes[1].sparsity(), 1.0).full() != 0)
+    count, rows, columns, row_borders, column_borders, *_ = closure.slopes[1].sparsity().btf()
+    left = [
+        (sorted(rows[row_borders[k] : row_borders[k + 1]]), sorted(columns[column_borders[k] : column_borders[k + 1]]))
+        for k in range(count)
+    ]
+    found: list[tuple[list[int], list[int]]] = []
+    while left:
+        known = {k for _, unknowns in found for k in unknowns}
+        ready = next(one for one in left if set(np.flatnonzero(over[one[0]].any(axis=0))) <= known | set(one[1]))
+        left.remove(ready)
+        found.append(ready)
+    return found
+
+
+def _solved(
+    closure: Closure, rows: list[int], unknowns: list[int], known: Turns, q: FloatArray, x: FloatArray
+) -> Turns | None:
+    """Two passive coordinates by two equations, of the driven ones and of those known; zeros stand for the rest."""
     if len(rows) != 2 or len(unknowns) != 2:
         return None
     turning = _turning(closure, rows, unknowns, q[:_POSTURES], x[:_POSTURES])
-    vectors = None if turning is None else _vectors(closure, rows, unknowns, turning)
+    vectors = None if turning is None else _vectors(closure, rows, unknowns, turning, known)
     if turning is None or vectors is None:
         return None
     own, driven = x[:, unknowns], closure.symbols[0]
@@ -109,7 +129,9 @@ def _turning(closure: Closure, rows: list[int], unknowns: list[int], q: FloatArr
     return None
 
 
-def _vectors(closure: Closure, rows: list[int], unknowns: list[int], turning: FloatArray) -> list[_Plane] | None:
+def _vectors(
+    closure: Closure, rows: list[int], unknowns: list[int], turning: FloatArray, known: Turns
+) -> list[_Plane] | None:
     """u, v and w: what is left of the equations without sines and cosines, and what the cosines of y₁ and y₂ carry."""
     x = closure.symbols[1]
     open_turns = Turns(x, ca.SX.sym("cos", closure.p), ca.SX.sym("sin", closure.p))
@@ -121,8 +143,7 @@ def _vectors(closure: Closure, rows: list[int], unknowns: list[int], turning: Fl
         for unknown, power in zip(unknowns, powers, strict=True):
             if power:
                 parts[k] = ca.jacobian(parts[k], open_turns.cosines[unknown])
-    none = [ca.SX.zeros(closure.p)] * 2
-    parts = ca.substitute(parts, [open_turns.cosines, open_turns.sines], none)
+    parts = ca.substitute(parts, [open_turns.cosines, open_turns.sines], [known.cosines, known.sines])
     return [_Plane(*(ca.densify(part)[k] for k in range(2))) for part in parts]
 
 
