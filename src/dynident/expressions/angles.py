@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import casadi as ca
+
+from dynident.arrays import FloatArray
+
+_SMALL, _ROUNDING = 0.25, 1e-17
+"""An angle (rad) whose series is shorter than a sine, and what of its series is too little to be seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,6 +25,43 @@ class Turns:
     def of(cls, angles: ca.SX) -> Turns:
         """Of angles whose sines and cosines have to be computed."""
         return cls(angles, ca.cos(angles), ca.sin(angles))
+
+    @classmethod
+    def of_half(cls, tangents: ca.SX, middle: float) -> Turns:
+        """Of angles by the tangents SX (k, 1) of half of what they are away from a middle."""
+        squares = tangents * tangents
+        whole = 1 + squares
+        c, s = math.cos(middle), math.sin(middle)
+        along, across = (1 - squares) / whole, 2 * tangents / whole
+        return cls(middle + 2 * ca.atan(tangents), c * along - s * across, s * along + c * across)
+
+    @property
+    def parts(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Angles, cosines, sines."""
+        return self.angles, self.cosines, self.sines
+
+    def onward(self, steps: ca.SX, longest: FloatArray) -> Turns:
+        """The coordinates after steps SX (k, 1) of at most `longest` (k,), whose sines and cosines are short series."""
+        cosines, sines = [], []
+        for k, reach in enumerate(longest):
+            along, across = _of_small(steps[k], float(reach))
+            cosines.append(self.cosines[k] * along - self.sines[k] * across)
+            sines.append(self.sines[k] * along + self.cosines[k] * across)
+        return Turns(self.angles + steps, ca.vertcat(*cosines), ca.vertcat(*sines))
+
+
+def _of_small(angle: ca.SX, longest: float) -> tuple[ca.SX, ca.SX]:
+    """Cosine and sine of an angle of at most `longest`: of Taylor's series what is more than rounding."""
+    if longest > _SMALL:
+        return ca.cos(angle), ca.sin(angle)
+    shares = [1.0, 1.0]
+    while longest ** len(shares) * abs(shares[-1]) / len(shares) > _ROUNDING:
+        shares.append(-shares[-2] / (len(shares) * (len(shares) - 1)))
+    squared = angle * angle
+    found = [ca.SX(0), ca.SX(0)]
+    for power in reversed(range(len(shares))):
+        found[power % 2] = found[power % 2] * squared + shares[power]
+    return found[0], angle * found[1]
 
 
 def turned(expression: ca.SX, symbols: ca.SX, turns: Turns) -> ca.SX:

@@ -66,6 +66,12 @@ class Closure:
         return len(self.start) - self.n
 
     @cached_property
+    def turning(self) -> tuple[bool, ...]:
+        """Of the passive coordinates, which are angles."""
+        kinds = {joint.name: joint.kind for joint in self.joints}
+        return tuple(kinds[name] == "revolute" for name in self.names[self.n :])
+
+    @cached_property
     def symbols(self) -> tuple[ca.SX, ca.SX]:
         """q_a SX (n, 1) and x SX (p, 1)."""
         return ca.SX.sym("qa", self.n), ca.SX.sym("x", self.p)
