@@ -21,7 +21,7 @@ from dynident.expressions import Program
 from dynident.expressions.angles import Turns, turned
 from dynident.robot.cut_joints import Loop, gap_of, sparse
 from dynident.robot.elimination import Pivots, pivots_of, solved
-from dynident.robot.loop_errors import TITLE, loop_error, redundant
+from dynident.robot.loop_errors import TITLE, hardly_reached, loop_error, nowhere_near, redundant
 from dynident.robot.loop_numbers import condition_of, hanging_together
 from dynident.robot.model import Joint
 from dynident.robot.passive_positions import passive_positions
@@ -111,11 +111,7 @@ class Closure:
         """(q_a) -> x, cos x and sin x SX (p, 1)."""
         found = passive_positions(self)
         if found is None:
-            raise loop_error(
-                "The loops come too near singular postures within the limits of the driven joints for the passive "
-                "positions to be found everywhere. State narrower limits of the driven joints.",
-                self.loops[0],
-            )
+            raise nowhere_near(self.loops[0])
         return found
 
     def closed(self, expression: ca.SX, driven: ca.SX) -> ca.SX:
@@ -385,12 +381,7 @@ class Closure:
 
     def _check_reach(self, fine: BoolArray) -> None:
         if np.mean(fine) < _LEAST_REACHED:
-            raise loop_error(
-                "The loops can hardly move within the limits of the driven joints without passing a singular posture: "
-                f"{np.count_nonzero(fine)} of {len(fine)} postures are reached. State limits of the driven joints, or "
-                "another start.",
-                self.loops[0],
-            )
+            raise hardly_reached(self.loops[0], int(np.count_nonzero(fine)), len(fine))
 
     def loop_of(self, row: int) -> Loop:
         """The loop that an equation is of."""
