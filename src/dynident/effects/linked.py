@@ -98,11 +98,16 @@ class OpenMotion:
         return ca.substitute([value], [driven, *rates], given)[0]
 
 
+@dataclass(frozen=True, eq=False)
 class TreeMotion:
     """Motion of all joints of the tree as functions of the driven joints' q, dq, ddq, …: SX (n, 1) each."""
 
-    def __init__(self, linkage: Linkage, derivatives: tuple[ca.SX, ...]) -> None:
-        self._open = OpenMotion(linkage, derivatives)
+    linkage: Linkage
+    derivatives: tuple[ca.SX, ...]
+
+    @cached_property
+    def _open(self) -> OpenMotion:
+        return OpenMotion(self.linkage, self.derivatives)
 
     @cached_property
     def q(self) -> ca.SX:

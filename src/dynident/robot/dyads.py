@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 _POSTURES, _TURNS = 3, 8
 _EXACT, _CONSTANT, _SAME_BRANCH = 1e-12, 1e-13, 1e-8
+_WIDEST = 5.5
+"""Reach (rad) of a passive joint that is surely less than a whole turn."""
 _FLAT = 1e-14
 """Share of its largest below which a triangle's squared area does not go: where loops are open, numbers stay finite."""
 
@@ -93,7 +95,7 @@ def _solved(
     if turning is None or vectors is None:
         return None
     own, driven = x[:, unknowns], closure.symbols[0]
-    if np.ptp(own, axis=0).max() > np.pi:
+    if np.ptp(own, axis=0).max() > _WIDEST:
         return None
     middle = 0.5 * (own.min(axis=0) + own.max(axis=0))
     squares = [_constant(one.squared(), driven, q) for one in vectors[1:]]
