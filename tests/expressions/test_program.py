@@ -187,3 +187,11 @@ def test_functions_of_several_numbers_at_once_are_those_of_one_and_know_what_is_
     with np.errstate(invalid="ignore", over="ignore"):
         one_by_one = np.concatenate([function(y[k : k + 1]) for k in range(len(y))])
     np.testing.assert_allclose(function(y), one_by_one, rtol=4 * np.finfo(float).eps, atol=1e-300)
+
+
+def test_what_several_numbers_are_divided_by_is_as_good_as_divided_by():
+    rng = np.random.default_rng(0)
+    x = rng.uniform(0.5, 2.0, (50, 3))
+    quotients = Program([X], ca.vertcat(a / b, c / b, (a + c) / b, b / c))
+    expected = np.stack([x[:, 0] / x[:, 1], x[:, 2] / x[:, 1], (x[:, 0] + x[:, 2]) / x[:, 1], x[:, 1] / x[:, 2]], 1)
+    np.testing.assert_allclose(quotients(x), expected, rtol=4e-16)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from machines import delta, five_bar, machine, palletiser, six_axis
@@ -81,6 +82,105 @@ def test_the_passive_joints_stay_on_the_branch_of_the_start() -> None:
     tips = [(joint_frames(robot, q)[:, 1] @ np.array([0.4, 0, 0, 1]))[:, 1] for robot in robots]
     assert np.all(tips[0] > 0.3)
     assert np.all(tips[1] < 0.3)
+
+
+def levelled() -> dict[str, Any]:
+    """A palletiser in a plane whose wrist two further parallelograms keep level: each carries the next one."""
+    return {
+        "gravity": [0, -9.81, 0],
+        "joints": [
+            {"name": "arm", "antecedent": "base", "start": 1.4, "limits": {"position": [0.8, 2.0]}},
+            {"name": "forearm", "d": 0.8, "passive": True, "start": -1.6},
+            {"name": "lever", "antecedent": "base", "start": 2.9, "limits": {"position": [2.5, 3.5]}},
+            {"name": "rod", "d": 0.25, "passive": True, "start": -1.5},
+            {"name": "stay", "antecedent": "base", "d": -0.2, "passive": True, "start": 1.4},
+            {"name": "plate", "antecedent": "arm", "d": 0.8, "passive": True, "start": -1.4},
+            {"name": "upper_stay", "gamma": "pi/2", "d": 0.25, "passive": True, "start": -1.77},
+            {"name": "wrist", "antecedent": "forearm", "d": 0.9, "passive": True, "start": 0.2},
+        ],
+        "loops": [
+            {"name": name, "kind": "planar", "between": [{"joint": one, "at": here}, {"joint": other, "at": there}]}
+            for name, one, here, other, there in (
+                ("level", "upper_stay", [0.9, 0, 0], "wrist", [0, 0.25, 0]),
+                ("drive", "rod", [0.8, 0, 0], "forearm", [-0.25, 0, 0]),
+                ("stays", "stay", [0.8, 0, 0], "plate", [-0.2, 0, 0]),
+            )
+        ],
+    }
+
+
+def four_bar(*, turned_over: bool) -> dict[str, Any]:
+    """A crank with both passive joints behind it, the second one about the opposite axis or not."""
+    follower = {"alpha": "pi", "start": 1.5} if turned_over else {"start": -1.5}
+    return {
+        "joints": [
+            {"name": "crank", "antecedent": "base", "start": 1.0, "limits": {"position": [0.4, 2.6]}},
+            {"name": "coupler", "d": 0.3, "passive": True, "start": -0.6},
+            {"name": "follower", "d": 0.55, "passive": True} | follower,
+        ],
+        "loops": [
+            {
+                "name": "pin",
+                "kind": "planar",
+                "between": [{"joint": "base", "at": [0.5, 0, 0]}, {"joint": "follower", "at": [0.35, 0, 0]}],
+            }
+        ],
+    }
+
+
+def slider() -> dict[str, Any]:
+    """A driven slider that folds two rods: a side of the triangle changes its length."""
+    return {
+        "joints": [
+            {"name": "slide", "antecedent": "base", "gamma": "pi/2", "alpha": "pi/2", "sigma": 1}
+            | {"start": 0.6, "limits": {"position": [0.35, 0.8]}},
+            {"name": "near", "antecedent": "base", "passive": True, "start": 0.9},
+            {"name": "far", "d": 0.5, "passive": True, "start": -1.8},
+        ],
+        "loops": [
+            {
+                "name": "pin",
+                "kind": "planar",
+                "between": [{"joint": "far", "at": [0.5, 0, 0]}, {"joint": "slide", "at": [0, 0, 0]}],
+            }
+        ],
+    }
+
+
+IN_CLOSED_FORM = {
+    "five_bar": five_bar(),
+    "palletiser": palletiser(),
+    "levelled": levelled(),
+    "four_bar": four_bar(turned_over=False),
+    "four_bar, turned over": four_bar(turned_over=True),
+    "slider": slider(),
+}
+
+
+@pytest.mark.parametrize("name", [*IN_CLOSED_FORM, "delta"])
+def test_passive_positions_are_those_that_newtons_method_follows_and_their_sines_are_theirs(name: str) -> None:
+    closure = robot_from_modified_dh(name, IN_CLOSED_FORM.get(name) or delta()).linkage.closure
+    q = closure.postures(np.random.default_rng(1), 200)
+    followed, fine = closure.follow(q)
+    found = closure.solution.map(len(q)).call([q.T])
+    x, cosines, sines = (one.full().T for one in found)
+    assert np.abs(x - followed)[fine].max() < 1e-12
+    angles = np.array(closure.turning)
+    assert np.abs(cosines - np.cos(x))[:, angles].max() < 1e-14
+    assert np.abs(sines - np.sin(x))[:, angles].max() < 1e-14
+    assert closure.conditions(q)[0].max() < 1e-14
+    operations = {closure.solution.instruction_id(k) for k in range(closure.solution.n_instructions())}
+    assert (ca.OP_ATAN2 in operations) == (name in IN_CLOSED_FORM)
+
+
+def test_beyond_the_reach_of_a_loop_positions_are_numbers_and_the_loop_is_open() -> None:
+    closure = machine("five_bar").linkage.closure
+    apart, fine = np.array([[3.1, 0.0]]), closure.postures(np.random.default_rng(1), 5)
+    gaps, _ = closure.conditions(np.vstack([apart, fine]))
+    assert gaps[0] > 0.01
+    assert gaps[1:].max() < 1e-14
+    assert np.isfinite(closure.passive(apart)).all()
+    assert np.isfinite(closure.rates_at(apart, closure.passive(apart))).all()
 
 
 def table(change: str) -> dict[str, Any]:

@@ -14,14 +14,18 @@ import casadi as ca
 from dynident.arrays import FloatArray
 from dynident.effects.mechanics import Mechanics, dynamic_rows, energy_rows, wrench_rows
 from dynident.effects.newton_euler import inverse_dynamics
+from dynident.expressions.angles import Turns
 from dynident.robot.linkage import Linkage
 from dynident.robot.loops import Closure
 from dynident.robot.model import Robot
 
 
 @dataclass(frozen=True, eq=False)
-class TreeMotion:
-    """Motion of all joints of the tree as functions of the driven joints' q, dq, ddq, …: SX (n, 1) each."""
+class OpenMotion:
+    """Motion of all joints of the tree, SX (N, 1): of the driven joints' q, dq, ddq, … SX (n, 1) and of symbols for x.
+
+    With symbols for the passive positions, nothing is differentiated through what they are found by.
+    """
 
     linkage: Linkage
     derivatives: tuple[ca.SX, ...]
@@ -29,15 +33,19 @@ class TreeMotion:
     @cached_property
     def q(self) -> ca.SX:
         """SX (N, 1)."""
-        return ca.mtimes(_sparse(self.linkage.ratios), self._free[0]) + ca.DM(self.linkage.offsets)
+        free = self.derivatives[0]
+        if self.linkage.closure is not None:
+            free = ca.vertcat(free, self.linkage.closure.symbols[1])
+        return ca.mtimes(_sparse(self.linkage.ratios), free) + ca.DM(self.linkage.offsets)
 
     @cached_property
     def jacobian(self) -> ca.SX:
         """G SX (N, n)."""
         n, ratios = len(self.linkage.driven), _sparse(self.linkage.ratios)
-        if self.linkage.closure is None:
+        closure = self.linkage.closure
+        if closure is None:
             return ratios
-        slopes = self.linkage.closure.rates(self.derivatives[0], self._free[0][n:])
+        slopes = closure.rates(self.derivatives[0], closure.symbols[1])
         return ca.sparsify(ratios[:, :n] + ca.mtimes(ratios[:, n:], slopes))
 
     @cached_property
@@ -48,50 +56,35 @@ class TreeMotion:
     @cached_property
     def ddq(self) -> ca.SX:
         """SX (N, 1)."""
-        return ca.mtimes(_sparse(self.linkage.ratios), self._free[1])
+        return self._derivative(1)
 
     @cached_property
     def dddq(self) -> ca.SX:
         """SX (N, 1)."""
-        return ca.mtimes(_sparse(self.linkage.ratios), self._free[2])
+        return self._derivative(2)
 
     @cached_property
     def ddddq(self) -> ca.SX:
         """SX (N, 1)."""
-        return ca.mtimes(_sparse(self.linkage.ratios), self._free[3])
+        return self._derivative(3)
 
     def lowered(self, torque: ca.SX) -> ca.SX:
         """Gᵀ Γ_tree SX (n, k) of torques of the tree's joints SX (N, k)."""
         return ca.sparsify(ca.mtimes(self.jacobian.T, torque))
 
-    @cached_property
-    def _free(self) -> _FreeCoordinates:
-        return _FreeCoordinates(self.linkage, self.derivatives)
+    def closed(self, expression: ca.SX) -> ca.SX:
+        """An expression of the driven joints' motion and the symbols of x as one of the former alone."""
+        closure = self.linkage.closure
+        return expression if closure is None else closure.closed(expression, self.derivatives[0])
 
+    def _derivative(self, order: int) -> ca.SX:
+        """The derivative SX (N, 1) after the velocity (1), and the ones that follow."""
+        free = self.derivatives[order + 1]
+        if self.linkage.closure is not None:
+            free = ca.vertcat(free, self._of_passive(self.linkage.closure, order))
+        return ca.mtimes(_sparse(self.linkage.ratios), free)
 
-class _FreeCoordinates:
-    """[q_a; x] (0), and its second (1), third (2) and fourth derivative (3); what nobody asks for is not made."""
-
-    def __init__(self, linkage: Linkage, derivatives: tuple[ca.SX, ...]) -> None:
-        self._closure, self._given = linkage.closure, derivatives
-        self._made: dict[int, ca.SX] = {}
-
-    def __getitem__(self, order: int) -> ca.SX:
-        driven = self._given[0 if order == 0 else order + 1]
-        if self._closure is None:
-            return driven
-        if order not in self._made:
-            value = self._solved if order == 0 else self._derived(self._closure, order)
-            self._made[order] = ca.vertcat(driven, value)
-        return self._made[order]
-
-    @cached_property
-    def _solved(self) -> ca.SX:
-        assert self._closure is not None
-        return self._closure.solution(self._given[0])
-
-    def _derived(self, closure: Closure, order: int) -> ca.SX:
-        """Made of symbols for x and its rates, so that nothing is differentiated through Newton's method."""
+    def _of_passive(self, closure: Closure, order: int) -> ca.SX:
         driven, x = closure.symbols
         names = ("dqa", "ddqa", "dddqa", "ddddqa")
         rates = [ca.SX.sym(name, closure.n) for name in names[: order + 1]]
@@ -101,8 +94,60 @@ class _FreeCoordinates:
         for count in range(1, order):
             state, change = ca.vertcat(*known[: count + 2], x), ca.vertcat(*rates[: count + 2], moving)
             value = ca.jtimes(value, state, change)
-        given = [ca.densify(one) for one in self._given[: order + 2]]
-        return ca.substitute([value], [driven, *rates, x], [*given, self._solved])[0]
+        given = [ca.densify(one) for one in self.derivatives[: order + 2]]
+        return ca.substitute([value], [driven, *rates], given)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class TreeMotion:
+    """Motion of all joints of the tree as functions of the driven joints' q, dq, ddq, …: SX (n, 1) each."""
+
+    linkage: Linkage
+    derivatives: tuple[ca.SX, ...]
+
+    @cached_property
+    def _open(self) -> OpenMotion:
+        return OpenMotion(self.linkage, self.derivatives)
+
+    @cached_property
+    def q(self) -> ca.SX:
+        """SX (N, 1)."""
+        return self._open.closed(self._open.q)
+
+    @cached_property
+    def turns(self) -> Turns:
+        """The positions with their cosines and sines, SX (N, 1) each."""
+        q = self._open.q
+        return Turns(self.q, self._open.closed(ca.cos(q)), self._open.closed(ca.sin(q)))
+
+    @cached_property
+    def jacobian(self) -> ca.SX:
+        """G SX (N, n)."""
+        return self._open.closed(self._open.jacobian)
+
+    @cached_property
+    def dq(self) -> ca.SX:
+        """SX (N, 1)."""
+        return self._open.closed(self._open.dq)
+
+    @cached_property
+    def ddq(self) -> ca.SX:
+        """SX (N, 1)."""
+        return self._open.closed(self._open.ddq)
+
+    @cached_property
+    def dddq(self) -> ca.SX:
+        """SX (N, 1)."""
+        return self._open.closed(self._open.dddq)
+
+    @cached_property
+    def ddddq(self) -> ca.SX:
+        """SX (N, 1)."""
+        return self._open.closed(self._open.ddddq)
+
+    def lowered(self, torque: ca.SX) -> ca.SX:
+        """Gᵀ Γ_tree SX (n, k) of torques of the tree's joints SX (N, k)."""
+        return ca.sparsify(ca.mtimes(self.jacobian.T, torque))
 
 
 def all_positions(robot: Robot, q: ca.SX) -> ca.SX:
@@ -120,26 +165,29 @@ class LinkedMechanics(Mechanics):
     """The rigid-body model of a machine in the space of its driven joints: (n, 10 N) rows of the tree's links."""
 
     @cached_property
-    def _motion(self) -> TreeMotion:
+    def _motion(self) -> OpenMotion:
         assert self.robot.linkage is not None
-        return TreeMotion(self.robot.linkage, (self.q, self.dq, self.ddq))
+        return OpenMotion(self.robot.linkage, (self.q, self.dq, self.ddq))
 
     @cached_property
     def rows(self) -> ca.SX:
         """SX (n, 10 N): the dynamic model's rows, Gᵀ times those of the tree."""
         motion = self._motion
-        return motion.lowered(dynamic_rows(self.robot.tree, motion.q, motion.dq, motion.ddq, self.gravity))
+        rows = dynamic_rows(self.robot.tree, motion.q, motion.dq, motion.ddq, self.gravity)
+        return motion.closed(motion.lowered(rows))
 
     @cached_property
     def wrenches(self) -> ca.SX:
         """SX (6, 10 N): the rows of the base's reaction wrench."""
         motion = self._motion
-        return wrench_rows(self.robot.tree, motion.q, motion.dq, motion.ddq, self.gravity)
+        return motion.closed(wrench_rows(self.robot.tree, motion.q, motion.dq, motion.ddq, self.gravity))
 
     @cached_property
     def energies(self) -> tuple[ca.SX, ca.SX]:
         """(SX (1, 10 N), SX (1, 10 N)): kinetic and potential energy rows."""
-        return energy_rows(self.robot.tree, self._motion.q, self._motion.dq, self.gravity)
+        motion = self._motion
+        kinetic, potential = energy_rows(self.robot.tree, motion.q, motion.dq, self.gravity)
+        return motion.closed(kinetic), motion.closed(potential)
 
 
 def torque_of_links(
@@ -154,5 +202,6 @@ def torque_of_links(
     """`inverse_dynamics` in the space of the driven joints: inertia SX (10 N, 1), shift SX (3, N)."""
     if robot.linkage is None:
         return inverse_dynamics(robot, q, dq, ddq, gravity, inertia, shift)
-    motion = TreeMotion(robot.linkage, (q, dq, ddq))
-    return motion.lowered(inverse_dynamics(robot.tree, motion.q, motion.dq, motion.ddq, gravity, inertia, shift))
+    motion = OpenMotion(robot.linkage, (q, dq, ddq))
+    torque = inverse_dynamics(robot.tree, motion.q, motion.dq, motion.ddq, gravity, inertia, shift)
+    return motion.closed(motion.lowered(torque))

@@ -11,6 +11,7 @@ import casadi as ca
 from dynident.effects.effect import Column
 from dynident.effects.linked import TreeMotion
 from dynident.effects.signals import MemorySignal, RunSignal, Signals
+from dynident.expressions.angles import turned
 
 
 class TreeSignals(Signals):
@@ -50,9 +51,11 @@ class TreeSignals(Signals):
     def seen(self, expression: ca.SX) -> ca.SX:
         """An expression of the tree's motion as one of the driven joints' motion."""
         used = {symbol.name() for symbol in ca.symvar(expression)}
-        names = ("q", "dq", "ddq", "dddq", "ddddq")
+        names = ("dq", "ddq", "dddq", "ddddq")
         mine = [name for name in names if any(s.name() in used for s in ca.symvar(getattr(self, name)))]
         own = [getattr(self, name) for name in mine]
+        if any(s.name() in used for s in ca.symvar(self.q)):
+            expression = turned(expression, self.q, self.motion.turns)
         if not own:
             return expression
         seen: ca.SX = ca.substitute([expression], own, [ca.densify(getattr(self.motion, name)) for name in mine])[0]

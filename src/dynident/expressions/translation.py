@@ -78,6 +78,19 @@ def translated(function: ca.Function, widths: Sequence[int], lanes: int, at_once
     return _Translation(function, widths, lanes, at_once).text
 
 
+def _common_divisors(function: ca.Function) -> frozenset[int]:
+    """The divisions by what divides another number, too."""
+    made_by: dict[int, int] = {}
+    divisions: dict[int, list[int]] = {}
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        if operation == ca.OP_DIV:
+            divisions.setdefault(made_by[function.instruction_input(k)[1]], []).append(k)
+        if operation != ca.OP_OUTPUT:
+            made_by[function.instruction_output(k)[0]] = k
+    return frozenset(k for those in divisions.values() if len(those) > 1 for k in those)
+
+
 class _Translation:
     """The text as it grows."""
 
@@ -150,8 +163,13 @@ class _Translation:
         ]
 
     def _walk(self, function: ca.Function) -> None:
-        """Turn CasADi's register machine into single assignments."""
+        """Turn CasADi's register machine into single assignments.
+
+        What several numbers are divided by is inverted once: a quotient takes as long as eight products.
+        """
         holds: dict[int, str] = {}
+        inverted: dict[str, str] = {}
+        common = _common_divisors(function)
         for k in range(function.n_instructions()):
             operation = function.instruction_id(k)
             target, source = function.instruction_output(k), function.instruction_input(k)
@@ -161,6 +179,11 @@ class _Translation:
                 holds[target[0]] = self._constant(float(function.instruction_constant(k)))
             elif operation == ca.OP_OUTPUT:
                 self._store(holds[source[0]], target[1])
+            elif k in common:
+                divisor = holds[source[1]]
+                if divisor not in inverted:
+                    inverted[divisor] = self._inverse(divisor)
+                holds[target[0]] = self._operation(ca.OP_MUL, [holds[source[0]], inverted[divisor]])
             else:
                 holds[target[0]] = self._operation(operation, [holds[register] for register in source])
 

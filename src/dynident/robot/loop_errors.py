@@ -21,3 +21,21 @@ def redundant(loop: Loop, equations: int, unknowns: int, passive: str) -> Dynide
         "(3).",
         loop,
     )
+
+
+def hardly_reached(loop: Loop, reached: int, tried: int) -> DynidentError:
+    """Error of loops that pass singular postures almost wherever their driven joints go."""
+    return loop_error(
+        "The loops can hardly move within the limits of the driven joints without passing a singular posture: "
+        f"{reached} of {tried} postures are reached. State limits of the driven joints, or another start.",
+        loop,
+    )
+
+
+def nowhere_near(loop: Loop) -> DynidentError:
+    """Error of loops whose passive positions no polynomial comes near enough to."""
+    return loop_error(
+        "The loops come too near singular postures within the limits of the driven joints for the passive "
+        "positions to be found everywhere. State narrower limits of the driven joints.",
+        loop,
+    )

@@ -18,9 +18,10 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.expressions import Program
+from dynident.expressions.angles import Turns, turned
 from dynident.robot.cut_joints import Loop, gap_of, sparse
 from dynident.robot.elimination import Pivots, pivots_of, solved
-from dynident.robot.loop_errors import TITLE, loop_error, redundant
+from dynident.robot.loop_errors import TITLE, hardly_reached, loop_error, nowhere_near, redundant
 from dynident.robot.loop_numbers import condition_of, hanging_together
 from dynident.robot.model import Joint
 from dynident.robot.passive_positions import passive_positions
@@ -65,6 +66,12 @@ class Closure:
         return len(self.start) - self.n
 
     @cached_property
+    def turning(self) -> tuple[bool, ...]:
+        """Of the passive coordinates, which are angles."""
+        kinds = {joint.name: joint.kind for joint in self.joints}
+        return tuple(kinds[name] == "revolute" for name in self.names[self.n :])
+
+    @cached_property
     def symbols(self) -> tuple[ca.SX, ca.SX]:
         """q_a SX (n, 1) and x SX (p, 1)."""
         return ca.SX.sym("qa", self.n), ca.SX.sym("x", self.p)
@@ -101,15 +108,15 @@ class Closure:
 
     @cached_property
     def solution(self) -> ca.Function:
-        """(q_a) -> x SX (p, 1)."""
+        """(q_a) -> x, cos x and sin x SX (p, 1)."""
         found = passive_positions(self)
         if found is None:
-            raise loop_error(
-                "The loops come too near singular postures within the limits of the driven joints for the passive "
-                "positions to be found everywhere. State narrower limits of the driven joints.",
-                self.loops[0],
-            )
+            raise nowhere_near(self.loops[0])
         return found
+
+    def closed(self, expression: ca.SX, driven: ca.SX) -> ca.SX:
+        """An expression of the symbols of x as one of the driven positions SX (n, 1)."""
+        return turned(expression, self.symbols[1], Turns(*self.solution(driven)))
 
     def solve(self, right: ca.SX) -> ca.SX:
         """(∂φ/∂x)⁻¹ right, SX (p, k) of expressions SX (equations, k)."""
@@ -271,7 +278,7 @@ class Closure:
 
     @cached_property
     def _passive(self) -> Program:
-        return Program([self.symbols[0]], ca.densify(self.solution(self.symbols[0])))
+        return Program([self.symbols[0]], ca.densify(self.solution(self.symbols[0])[0]))
 
     def evaluated(self, q: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """φ (m, e) and ∂φ/∂x (m, e, p)."""
@@ -374,12 +381,7 @@ class Closure:
 
     def _check_reach(self, fine: BoolArray) -> None:
         if np.mean(fine) < _LEAST_REACHED:
-            raise loop_error(
-                "The loops can hardly move within the limits of the driven joints without passing a singular posture: "
-                f"{np.count_nonzero(fine)} of {len(fine)} postures are reached. State limits of the driven joints, or "
-                "another start.",
-                self.loops[0],
-            )
+            raise hardly_reached(self.loops[0], int(np.count_nonzero(fine)), len(fine))
 
     def loop_of(self, row: int) -> Loop:
         """The loop that an equation is of."""
