@@ -23,7 +23,7 @@ def friction_figure(friction: Sequence[FrictionDifference]) -> Markup | None:
         return None
     margins = Margins(left=2.2, right=0.3, bottom=0.5)
     figure, grid = panels(1, 1, _HEAD + _ROW * len(drawn), margins=margins)
-    axes = grid[0, 0]
+    axes = grid[0][0]
     for row, one in enumerate(drawn):
         value, low, high = (100.0 * each / one.before for each in (one.value, *one.interval))
         colour = MEASURED if low <= 0.0 <= high else PREDICTED
