@@ -10,7 +10,7 @@ from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification.mistakes import Mistake, gravity, mistakes_in
 from dynident.identification.mistakes.described import SecondOpinion, left_by_description
-from dynident.identification.mistakes.judge import BLOCKS, Judge
+from dynident.identification.mistakes.judge import BLOCKS, Grams, Judge
 from dynident.identification.mistakes.search import motion_of
 from dynident.identification.mistakes.swaps import Motion as MotionRows
 from dynident.recordings import Recording
@@ -78,7 +78,9 @@ def test_what_one_part_of_a_recording_has_leaves_nothing_but_what_the_others_hav
     rows = rng.normal(size=(BLOCKS, 2 * c, c + 1))
     # Next to nothing but in one block: a difference of sums would be rounding.
     rows[:, :, 0] *= np.where(np.arange(BLOCKS) == 4, 1e3, 1e-9)[:, None]
-    grams = np.repeat(np.einsum("bmi,bmk->bik", rows, rows)[:, None] / ROBOT.n, ROBOT.n, axis=1)
+    each = np.repeat(np.einsum("bmi,bmk->bik", rows, rows)[:, None] / ROBOT.n, ROBOT.n, axis=1)
+    whole = np.concatenate([each, each.sum(axis=0, keepdims=True)])
+    grams = Grams(whole[..., :-1, :-1], whole[..., :-1, -1], whole[..., -1, -1])
     others = np.delete(rows, 4, axis=0).reshape(-1, c + 1)
     told, *_ = np.linalg.lstsq(others[:, :-1], others[:, -1])
     found = judge._fitted(grams, np.ones(ROBOT.n))[4]

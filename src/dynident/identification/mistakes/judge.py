@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -88,19 +89,38 @@ class Left:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """W of a motion where each joint moves: inner products (blocks, n, c, c); by block and joint, which rows, and them.
+    """W of a motion where each joint moves: inner products (blocks + 1, n, c, c) of each block, and last of all.
 
-    Of the rows only those columns are kept that the joint's torque depends on.
+    `of_joints`: which rows these are (m,), the rows (m, p) in those columns that the joint's torque depends on, and
+    what adds them up by block and in all (blocks + 1, m).
     """
 
     motion: Motion
     inner: FloatArray
-    parts: dict[tuple[int, int], tuple[IntArray, FloatArray]]
+    of_joints: tuple[tuple[IntArray, FloatArray, FloatArray], ...]
 
     def is_of(self, other: Motion) -> bool:
         """Whether another motion is the same but for its torque."""
         names = ("q", "dq", "ddq", "block")
         return all(np.array_equal(getattr(self.motion, name), getattr(other, name)) for name in names)
+
+
+@dataclass(frozen=True, eq=False)
+class Grams:
+    """Inner products where each joint moves, of each block and last of all of them.
+
+    WᵀW `inner` (blocks + 1, n, c, c), Wᵀτ `right` (blocks + 1, n, c), τᵀτ `measured` (blocks + 1, n).
+    """
+
+    inner: FloatArray
+    right: FloatArray
+    measured: FloatArray
+
+    def squares(self, values: FloatArray) -> FloatArray:
+        """(blocks + 1, n): what parameters (blocks + 1, c) leave, each row of them in its own block."""
+        told = (self.inner @ values[:, None, :, None])[..., 0]
+        left = self.measured + np.einsum("bji,bi->bj", told - 2.0 * self.right, values)
+        return np.asarray(np.maximum(left, 0.0))
 
 
 class Judge:
@@ -121,7 +141,7 @@ class Judge:
     def left(self, motion: Motion) -> Left:
         """What the robot leaves of the torque, each block of time told by the others."""
         grams, moving = self._grams(motion), moving_joints(motion)
-        measured = grams[:, :, -1, -1].sum(axis=0)
+        measured = grams.measured[-1]
         values, squares = self._solved(grams)
         blocks = log_shares(squares[:-1], measured / BLOCKS)[:, moving]
         whole = log_shares(squares[-1], measured)[moving]
@@ -135,42 +155,38 @@ class Judge:
         values, _ = self._solved(grams)
         found = np.full((BLOCKS, self._robot.n), np.nan)
         for joint in np.flatnonzero(moving):
-            friction, sign = self._friction_of(int(joint))
-            whole = grams[:, joint].sum(axis=0)
+            friction, sign = self._frictions[int(joint)]
+            whole = grams.inner[-1, joint]
             found[:, joint] = values[:-1, friction] @ whole[sign, friction] / max(whole[sign, sign], 1.0)
         return found
 
-    def _solved(self, grams: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _solved(self, grams: Grams) -> tuple[FloatArray, FloatArray]:
         """What is told by the blocks but each one, and last by all of them.
 
         Returns
         -------
         Parameters (blocks + 1, c); and the squares (blocks + 1, n) that they leave, in the one block and in all.
         """
-        measured = grams[:, :, -1, -1].sum(axis=0)
+        measured = grams.measured[-1]
         # A joint without torque, or none that is left, must not get an infinite weight.
         least = max(_QUIET * float(measured.max(initial=0.0)), np.finfo(float).tiny)
         noise = np.sqrt(np.maximum(measured, least))
-        grams = np.concatenate([grams, grams.sum(axis=0, keepdims=True)])
-        squares, values = grams[:, :, -1, -1], np.zeros((BLOCKS + 1, self.n_columns))
+        squares, values = grams.measured, np.zeros((BLOCKS + 1, self.n_columns))
         for _ in range(2):
-            values = self._fitted(grams[:-1], noise)
-            residual = np.concatenate([-values, np.ones((BLOCKS + 1, 1))], axis=1)
-            squares = (np.einsum("bjik,bk->bji", grams, residual) * residual[:, None, :]).sum(axis=2)
+            values = self._fitted(grams, noise)
+            squares = grams.squares(values)
             noise = np.sqrt(np.maximum(squares[:-1].sum(axis=0), least))
         return values, squares
 
-    def _grams(self, motion: Motion) -> FloatArray:
-        """(blocks, n, c + 1, c + 1): inner products of [W | Y] where each joint moves."""
-        known, c = self._rows_of(motion), self.n_columns
-        grams = np.zeros((BLOCKS, self._robot.n, c + 1, c + 1))
-        grams[:, :, :c, :c] = known.inner
-        for (block, joint), (at, rows) in known.parts.items():
-            columns, measured = self._layout[joint][1], motion.tau[at, joint]
-            gram = grams[block, joint]
-            gram[columns, c] = gram[c, columns] = rows.T @ measured
-            gram[c, c] = measured @ measured
-        return grams
+    def _grams(self, motion: Motion) -> Grams:
+        known = self._rows_of(motion)
+        right = np.zeros((BLOCKS + 1, self._robot.n, self.n_columns))
+        measured = np.zeros((BLOCKS + 1, self._robot.n))
+        for joint, (at, rows, sums) in enumerate(known.of_joints):
+            tau = motion.tau[at, joint]
+            right[:, joint, self._layout[joint][1]] = (sums * tau) @ rows
+            measured[:, joint] = sums @ tau**2
+        return Grams(known.inner, right, measured)
 
     def _rows_of(self, motion: Motion) -> _Rows:
         """W of a motion; of two motions it is kept, since most of what is tried changes torques alone."""
@@ -183,41 +199,49 @@ class Judge:
         reference, memory = np.zeros(10 * robot.tree.n), np.zeros((len(motion.q), self._observation.n_memory))
         entries = self._observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
         moves = moves_of(motion)
-        blocks = [motion.block == block for block in range(BLOCKS)]
-        inner, parts = np.zeros((BLOCKS, robot.n, c, c)), {}
+        inner, of_joints = np.zeros((BLOCKS + 1, robot.n, c, c)), []
         for joint, (positions, columns) in enumerate(self._layout):
-            rows = np.ascontiguousarray(entries[:, positions])
-            for block, inside in enumerate(blocks):
-                at = np.flatnonzero(moves[:, joint] & inside)
-                part = rows[at]
-                inner[block, joint][np.ix_(columns, columns)] = part.T @ part
-                parts[block, joint] = at, part
-        return _Rows(motion, inner, parts)
+            at = np.flatnonzero(moves[:, joint])
+            rows, block = entries[np.ix_(at, positions)], motion.block[at]
+            where = np.ix_(columns, columns)
+            for one in range(BLOCKS):
+                part = rows[block == one]
+                inner[one, joint][where] = part.T @ part
+            inside = (block == np.arange(BLOCKS)[:, None]).astype(np.float64)
+            of_joints.append((at, rows, np.concatenate([inside, np.ones((1, len(at)))])))
+        inner[-1] = inner[:-1].sum(axis=0)
+        return _Rows(motion, inner, tuple(of_joints))
 
-    def _fitted(self, grams: FloatArray, noise: FloatArray) -> FloatArray:
+    def _fitted(self, grams: Grams, noise: FloatArray) -> FloatArray:
         """(blocks + 1, c): parameters of the blocks but each, and of all; where motion says nothing, the smallest."""
-        each = np.einsum("bjik,j->bik", grams, 1.0 / noise**2)
-        others = np.tensordot(OTHERS, each, axes=1)
-        scale = np.sqrt(np.maximum(np.einsum("bii->bi", others)[:, :-1], np.finfo(float).tiny))
-        normal = others[:, :-1, :-1] / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(self.n_columns)
-        right = others[:, :-1, -1] / scale
-        return np.asarray(np.linalg.solve(normal, right[:, :, None])[:, :, 0] / scale)
+        c, weights = self.n_columns, 1.0 / noise**2
+        normal = OTHERS @ (weights @ grams.inner[:-1].reshape(BLOCKS, self._robot.n, c * c))
+        right = OTHERS @ (weights @ grams.right[:-1])
+        normal = normal.reshape(-1, c, c)
+        scale = np.sqrt(np.maximum(np.einsum("bii->bi", normal), np.finfo(float).tiny))
+        normal = normal / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(c)
+        return np.asarray(np.linalg.solve(normal, (right / scale)[:, :, None])[:, :, 0] / scale)
 
-    def _drives(self, grams: FloatArray, values: FloatArray, joint: int, rest: float) -> bool:
+    def _drives(self, grams: Grams, values: FloatArray, joint: int, rest: float) -> bool:
         """Whether a joint's friction surely gives it energy, and more than what is left could be."""
-        friction, sign = self._friction_of(joint)
-        whole = grams[:, joint].sum(axis=0)
-        work = values[:, friction] @ whole[sign, friction]
+        friction, sign = self._frictions[joint]
+        whole, own = grams.inner[-1, joint], values[:, friction]
+        work = own @ whole[sign, friction]
         # Each fit lacks one block: the jackknife's standard error.
-        error = float(np.sqrt((BLOCKS - 1) * work.var()))
-        size = np.einsum("bi,ik,bk->b", values[:, friction], whole[np.ix_(friction, friction)], values[:, friction])
-        return bool(work.mean() < -_DRIVES * error and np.median(size) > 0.25 * rest)
+        if work.mean() >= -_DRIVES * np.sqrt((BLOCKS - 1) * work.var()):
+            return False
+        size = np.einsum("bi,ik,bk->b", own, whole[np.ix_(friction, friction)], own)
+        return bool(np.median(size) > 0.25 * rest)
 
-    def _friction_of(self, joint: int) -> tuple[list[int], int]:
-        """The columns of a joint's friction, and that of its dry one, which is 1 or -1."""
-        name, columns = self._robot.joint_names[joint], self._observation.columns
-        friction = [k for k, one in enumerate(columns) if one.link == name and effect_by_id(one.effect).is_friction]
-        return friction, next(k for k in friction if role_of(columns[k]) == "dry")
+    @cached_property
+    def _frictions(self) -> list[tuple[list[int], int]]:
+        """The columns of each joint's friction, and that of its dry one, which is 1 or -1."""
+        columns = self._observation.columns
+        found = []
+        for name in self._robot.joint_names:
+            own = [k for k, one in enumerate(columns) if one.link == name and effect_by_id(one.effect).is_friction]
+            found.append((own, next(k for k in own if role_of(columns[k]) == "dry")))
+        return found
 
 
 def log_shares(squares: FloatArray, measured: FloatArray) -> FloatArray:
