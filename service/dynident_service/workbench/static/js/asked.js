@@ -12,7 +12,7 @@ export function controls(fields, { but = [], given = {}, pointer = "", prefix = 
 }
 
 /** A control of one field: { id, element, input, read }. */
-export function control(id, schema, { given, pointer = `/${id}`, prefix = "" } = {}) {
+function control(id, schema, { given, pointer = `/${id}`, prefix = "" } = {}) {
   const made = makerOf(schema)(schema, given ?? schema.default ?? null, { id: `${prefix}${id}`, name: id });
   const unit = schema["x-unit"];
   const words = (schema.description ?? "").replace(`, in ${unit}`, "");
