@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import httpx2
 import pytest
 from dask_cluster import SCIENCE, Cluster
 from s3_server import BUCKET, s3_server
-from service_helpers import serving
+from service_helpers import serving, wait_for
 from sqlalchemy import make_url, text
 
 from dynident_service.settings import Settings
@@ -44,7 +45,10 @@ def installed(name: str, folder: Path, postgresql: Callable[[], str]) -> Iterato
             stack.callback(cluster.end)
             cluster.new_worker()
             more["dask_scheduler"] = cluster.address
-        yield stack.enter_context(serving(here.model_copy(update=more), with_science_of_its_own=bool(more)))
+        address = stack.enter_context(serving(here.model_copy(update=more), with_science_of_its_own=bool(more)))
+        # A worker of the cluster may still be on its way.
+        wait_for(lambda: httpx2.get(f"{address}/readyz").is_success, timeout=120.0)
+        yield address
 
 
 @contextmanager
