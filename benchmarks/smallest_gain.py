@@ -2,17 +2,19 @@
 
     python benchmarks/smallest_gain.py [--seed 1 | --seed new] [--cases 84] [--processes 2]
 
-Calibrates `SMALLEST_GAIN_OVER_NOISE` of `diagnosis/candidates/gate.py`. The arms of `hidden_effects.py` are diagnosed,
-and what is recommended is added one after the other, in its order. `gain` is the squared error where joints move that
-this takes away, over the square of the sensors' noise in the band, on the joint where that is most. A name is `right`
-where it is hidden, or an equivalent of what is; the others are `extra`.
+Calibrates `SMALLEST_GAIN_OVER_NOISE` of `diagnosis/candidates/gate.py`, and `_LEAST_REACH` of
+`diagnosis/search/acceptance.py`. The arms of `hidden_effects.py` are diagnosed, and what is recommended is added one
+after the other, in its order. A line a name: `gain`, the squared error where joints move that it takes away, over the
+square of the sensors' noise in the band, on the joint where that is most; `reach`, the share of its column that is left
+beside the model, times the t of what it gains; the error of the runs that no parameter saw, with it over without it. A
+name is `right` where it is hidden, or an equivalent of what is; the others are `extra`.
 """
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -34,15 +36,18 @@ from dynident.errors import DynidentError
 from dynident.identification import extend, identify
 
 LIMITS = (0.08, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
+REACHES = (0.1, 0.15, 0.25, 0.35, 0.5, 1.0, 2.0)
 
 
 @dataclass(frozen=True)
 class Told:
-    """A recommended name: how much it takes away, and whether it is there."""
+    """A recommended name: how much it takes away, how far it reaches beyond the data, and whether it is there."""
 
     case: str
     name: str
     gain: float
+    reach: float
+    held_out: float
     right: bool
 
 
@@ -54,14 +59,20 @@ def main() -> None:
     ):
         for one in some:
             told.append(one)
-            print(f"  {one.gain:9.3f} {'right' if one.right else 'extra'} {one.case}: {one.name}", flush=True)
+            sort = "right" if one.right else "extra"
+            print(f"  {one.gain:9.3f} {one.reach:7.2f} {one.held_out:6.3f} {sort} {one.case}: {one.name}", flush=True)
+    show(f"Smallest gains, seed {given.seed}, {time.perf_counter() - start:.0f} s", _below(told, "gain", LIMITS))
+    show("Smallest reaches", _below(told, "reach", REACHES))
+
+
+def _below(told: list[Told], figure: str, limits: Sequence[float]) -> list[tuple[str, ...]]:
+    """How many names of either sort have less of a figure than each limit."""
     rows = [("limit", "right names below", "extra names below")]
-    for limit in LIMITS:
-        counts = (sum(one.gain < limit for one in told if one.right == right) for right in (True, False))
+    for limit in limits:
+        counts = (sum(getattr(one, figure) < limit for one in told if one.right == right) for right in (True, False))
         rows.append((f"{limit:g}", *map(str, counts)))
     right = sum(one.right for one in told)
-    rows.append(("of", str(right), str(len(told) - right)))
-    show(f"Smallest gains, seed {given.seed}, {time.perf_counter() - start:.0f} s", rows)
+    return [*rows, ("of", str(right), str(len(told) - right))]
 
 
 def told_of(case: Case, folder: Path | None) -> list[Told]:
@@ -74,16 +85,23 @@ def told_of(case: Case, folder: Path | None) -> list[Told]:
 
 
 def _told_of(case: Case, folder: Path | None) -> Iterator[Told]:
-    training = recorded(case, folder).recordings(held_out=False)
+    runs = recorded(case, folder)
+    training, unseen = runs.recordings(held_out=False), runs.recordings(held_out=True)
     robot = as_described(arm_by_name(case.arm), case.noise)
-    model = identify(robot, training)
+    model = identify(robot, training, unseen)
     found = diagnose(model, training)
     extra = set(named(case, robot, found).extra)
     for choice in found.recommended:
-        grown = extend(model, [choice], training)
+        grown = extend(model, [choice], training, unseen)
+        (told,) = (one for one in found.candidates if one.choice == choice)
         gain = (model.fit.rms**2 - grown.fit.rms**2) / np.maximum(found.noise_floor**2, np.finfo(float).tiny)
         yield Told(
-            case.name, f"{choice.effect} {','.join(choice.joints)}", float(gain.max()), choice.effect not in extra
+            case.name,
+            f"{choice.effect} {','.join(choice.joints)}",
+            float(gain.max()),
+            told.separability * told.t_value,
+            grown.held_out.relative_total / model.held_out.relative_total,
+            choice.effect not in extra,
         )
         model = grown
 

@@ -13,9 +13,10 @@ from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.robot.model import Robot
 
-_LINE_RATIO = 24.0
-"""Times its surroundings from which on a line stands out. On 36 arms of MuJoCo's, many of them going from point to
-point, ripples of 1 to 2 % of a joint's largest torque had 54 and more, and 2 of 220 joints without one a line of 25."""
+LINE_RATIO = 18.0
+"""Times its surroundings from which on a line stands out (`benchmarks/lines_over_angles.py`).
+
+It is only where to look: what a line explains has to pass the test of everything else."""
 
 _LINES_A_JOINT = 2
 _LOWEST_LINE, _HIGHEST_LINE = 2.0, 250.0
@@ -54,20 +55,7 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
         low, span = float(q.min()), float(q.max() - q.min())
         if span < _LEAST_ANGLE:
             continue
-        # No part of the range counts for more than the middle one: a joint that goes from point to point is nearly
-        # always near the points, and the spectrum would be that of where it dwells.
-        part = _place(q, low, span, _BINS)
-        count = np.bincount(part, minlength=_BINS)
-        weight = 1.0 / np.maximum(count, np.median(count[count > 0]))[part]
-        # The same as the sum over all rows, but for the rounding of q to a sixteenth of the shortest wave.
-        n_bins = int(np.ceil(span * _HIGHEST_LINE / (2 * np.pi) * 16))
-        varying = weight * (residual - float(weight @ residual / weight.sum()))
-        sums = np.bincount(_place(q, low, span, n_bins), weights=varying, minlength=n_bins)
-        size = fft.next_fast_len(9 * n_bins, real=True)
-        k = 2 * np.pi * fft.rfftfreq(size, span / n_bins)
-        shown = (k >= max(_LOWEST_LINE, 4 * np.pi / span)) & (k <= _HIGHEST_LINE)
-        k, power = k[shown], np.abs(fft.rfft(sums, size)[shown]) ** 2
-        found = peaks(k, power, _LINE_RATIO)[:_LINES_A_JOINT]
+        found = peaks(*angle_spectrum(q, residual), LINE_RATIO)[:_LINES_A_JOINT]
         slow, share = _slow_wave(q, residual, low, span)
         found += [slow] if share > _CLEAR else []
         # A wave beside each, so that what a line is off by is not taken for something else.
@@ -75,6 +63,26 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
         clear += [(j, line + beside) for line in found for beside in around]
         faint += [(j, float(k)) for k in np.arange(_LOWEST_LINE, 4 * np.pi / span, 2 * _BESIDE / span)]
     return AngleLines(tuple(clear), tuple(faint))
+
+
+def angle_spectrum(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Waves per radian (f,) of more than two cycles over a joint's range, and their power (f,) in the residual (m,).
+
+    No part of the range counts for more than the middle one: a joint that goes from point to point is nearly always
+    near the points, and the spectrum would be that of where it dwells.
+    """
+    low, span = float(q.min()), float(q.max() - q.min())
+    part = _place(q, low, span, _BINS)
+    count = np.bincount(part, minlength=_BINS)
+    weight = 1.0 / np.maximum(count, np.median(count[count > 0]))[part]
+    # The same as the sum over all rows, but for the rounding of q to a sixteenth of the shortest wave.
+    n_bins = int(np.ceil(span * _HIGHEST_LINE / (2 * np.pi) * 16))
+    varying = weight * (residual - float(weight @ residual / weight.sum()))
+    sums = np.bincount(_place(q, low, span, n_bins), weights=varying, minlength=n_bins)
+    size = fft.next_fast_len(9 * n_bins, real=True)
+    k = 2 * np.pi * fft.rfftfreq(size, span / n_bins)
+    shown = (k >= max(_LOWEST_LINE, 4 * np.pi / span)) & (k <= _HIGHEST_LINE)
+    return k[shown], np.asarray(np.abs(fft.rfft(sums, size)[shown]) ** 2)
 
 
 def _place(q: FloatArray, low: float, span: float, count: int) -> IndexArray:

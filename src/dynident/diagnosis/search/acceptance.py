@@ -18,6 +18,13 @@ from dynident.effects.catalogue import is_change
 VISIBLE = 0.02
 """Share of a column that has to be left beside the model for the data to show its effect at all."""
 
+_LEAST_REACH = 0.25
+"""Share of a column left beside the model, times the t of what it gains, that a candidate needs.
+
+On a motion that tells the column from the model's, what its parameter leaves open makes one over this as much torque as
+the candidate removes here: four times at most (`benchmarks/smallest_gain.py`). Where a joint moved one way only, the
+model says all but a thirtieth of friction that differs with the direction."""
+
 # A sensitivity of which so little is left beside the model reaches far beyond the data: it has to gain much.
 _BLURRED, _DROP_OF_BLURRED = 0.2, 0.25
 _LEAST_OF_RUNS = 0.5
@@ -49,6 +56,8 @@ def acceptable(state: State, data: PhasedProducts, item: JudgedCandidate) -> boo
     """Whether a candidate is a finding."""
     effect = effect_by_id(item.candidate.effect)
     if item.separability < VISIBLE or not item.passes or too_small(state, data, item):
+        return False
+    if item.separability * item.t < _LEAST_REACH:
         return False
     if effect.first_order and item.separability < _BLURRED and item.drop < _DROP_OF_BLURRED:
         return False
