@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pydantic import ValidationError
-
 from dynident.desk.robots import load_robot
 from dynident.desk.robots import with_gains as set_gains
 from dynident.effects import EffectChoice
@@ -21,11 +19,11 @@ from dynident.effects.written import written_effects
 from dynident.errors import DynidentError
 from dynident.identification import Identification, from_bytes
 from dynident.identification.robot_recordings import import_cured, import_for_robot
+from dynident.identification.shapes.shapes import check_choices
 from dynident.progress import Progress, part
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.names import unique_names
 from dynident.robot import Robot
-from dynident_service.adapters.identifications import check_effects
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot
 from dynident_service.cli.metadata import as_proposed, read_metadata
@@ -165,7 +163,7 @@ def recordings_of(measurements: Sequence[Loaded]) -> list[Recording]:
 def effects_of(given: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:
     """The effects that were asked for, checked against the robot."""
     choices = named_effects(given)
-    check_effects(choices, robot)
+    check_choices(choices, robot)
     return choices
 
 
@@ -186,6 +184,8 @@ def model_of(path: Path) -> Identification:
 
 def stored_diagnosis(path: Path) -> AdvisedDiagnosis:
     """Read what `dynident diagnose --out` wrote."""
+    from pydantic import ValidationError
+
     from dynident_service.adapters.diagnoses import diagnosis_of
 
     try:
