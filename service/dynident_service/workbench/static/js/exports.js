@@ -4,12 +4,11 @@ import { file } from "./api.js";
 import { announce, h, put } from "./dom.js";
 import { problemBox } from "./problem.js";
 
-const FORMATS = [["json", "JSON"], ["urdf", "URDF"], ["mjcf", "MJCF"], ["c", "C code"], ["casadi", "CasADi"]];
 const IMPOSSIBLE = "Not physically feasible";
 
-/** A link for each format; what there is to say is put into `said`. */
-export function exportLinks(model, said) {
-  return FORMATS.map(([format, text]) => {
+/** A link for each of the `formats`; what there is to say is put into `said`. */
+export function exportLinks(model, formats, said) {
+  return formats.map(([format, text]) => {
     const path = `/v1/identifications/${model.id}/export?format=${format}`;
     // The address stands in the link for copying; a click says more than a download would.
     const onclick = (event) => {

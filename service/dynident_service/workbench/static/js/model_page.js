@@ -9,7 +9,7 @@ import { errorsSection } from "./errors.js";
 import { exportLinks } from "./exports.js";
 import { failureSection } from "./failure.js";
 import { counted, moment, number, percent, quantity } from "./format.js";
-import { computed, progressBar } from "./jobs.js";
+import { computed, ENDED, progressBar } from "./jobs.js";
 import { ladderSection, stepInWords } from "./ladder.js";
 import { takeNote } from "./location.js";
 import { methodInWords, methods } from "./methods.js";
@@ -22,8 +22,6 @@ import { tabs } from "./tabs.js";
 import { torqueSection } from "./torque.js";
 import { newestValidations, validationsSection } from "./validations.js";
 import { verdictSection } from "./verdict.js";
-
-const ENDED = new Set(["succeeded", "failed", "cancelled"]);
 
 /** Show an identification; while it is being computed, how far it is. */
 export async function modelPage(target, wanted, signal) {
@@ -132,7 +130,7 @@ function warnings(result) {
 function actions(model, ways) {
   const said = h("div");
   const reports = [["html", "Report"], ["pdf", "Report as PDF"]].map(([format, words]) => h("button", { type: "button", onclick: (event) => makeReport(model, format, ways, event.target, said) }, words));
-  return [h("p", { class: "actions" }, reports, h("span", { class: "note" }, "Take the model along:"), exportLinks(model, said)), said];
+  return [h("p", { class: "actions" }, reports, h("span", { class: "note" }, "Take the model along:"), exportLinks(model, ways.exports, said)), said];
 }
 
 async function makeReport(model, format, ways, button, said) {

@@ -5,18 +5,19 @@ import { announce, h, numeric, put, row, table } from "../dom.js";
 import { grouped, number, percent, quantity } from "../format.js";
 import { positionUnit } from "../format.js";
 import { problemBox } from "../problem.js";
+import { choicesOfQuery } from "../schema.js";
 import { motionCurves } from "./curves.js";
 import { virtualRobot } from "./virtual.js";
 
 const MOST_POINTS = 1500;
 const SAME = 0.01; // share by which criteria differ that are as good as each other
-const FORMATS = [["csv", "CSV: t, q, dq, ddq"], ["parquet", "Parquet"], ["ros2", "ROS 2 JointTrajectory (YAML)"]];
 
 /** Put a design that succeeded into `target`. */
 export async function designResult(target, design, robot, signal) {
   const { result } = design;
+  const formats = await choicesOfQuery("/v1/designs/{design_id}/trajectory", "format");
   const motion = h("section", { "aria-label": "The motion" }, h("h2", {}, "The motion"), h("p", { class: "note" }, "Loading …"));
-  put(target, worth(result), take(design), virtualRobot(design, robot, signal), motion, promises(result), margins(result, robot));
+  put(target, worth(result), take(design, formats), virtualRobot(design, robot, signal), motion, promises(result), margins(result, robot));
   await showMotion(motion, design, robot, signal);
 }
 
@@ -39,9 +40,9 @@ function besides(ratio) {
   return ratio > 1 ? `${number(ratio, 3)} times better than` : `${number(1 / ratio, 3)} times worse than`;
 }
 
-function take(design) {
+function take(design, formats) {
   const said = h("div");
-  const links = FORMATS.map(([format, text]) => {
+  const links = formats.map(([format, text]) => {
     const path = `/v1/designs/${design.id}/trajectory?format=${format}`;
     return h("a", { class: "button", href: path, "data-format": format, onclick: (event) => { event.preventDefault(); save(path, said); } }, text);
   });

@@ -23,7 +23,7 @@ export async function pairSection(target, ids, signal) {
     put(target, head, h("div", { class: "box warning" }, "Two models that are done are needed: choose them in the list of all models."));
     return;
   }
-  put(target, head, settings(models, robots, names, effects, ways), errors(models, names), parameters(models, names), exported(models, names));
+  put(target, head, settings(models, robots, names, effects, ways), errors(models, names), parameters(models, names), exported(models, names, ways));
 }
 
 function settings(models, robots, names, effects, ways) {
@@ -86,10 +86,10 @@ function apart(one, other) {
   return spread ? Math.abs(one.value - other.value) / spread : null;
 }
 
-function exported(models, names) {
+function exported(models, names, ways) {
   return part("Exports", models.map((one, index) => {
     const said = h("div");
-    return [h("p", { class: "actions" }, h("strong", {}, names[index]), exportLinks(one, said)), said];
+    return [h("p", { class: "actions" }, h("strong", {}, names[index]), exportLinks(one, ways.exports, said)), said];
   }));
 }
 
