@@ -64,14 +64,14 @@ def get_trajectory(
     path = services.objects.path(found.objects["trajectory"].key)
     if format == "parquet":
         return FileResponse(path, media_type=PARQUET, filename=f"{design_id}.parquet")
+    ending = "yaml" if format == "ros2" else format
+    headers = {"Content-Disposition": f'attachment; filename="{design_id}.{ending}"'}
     if format == "csv":
-        headers = {"Content-Disposition": f'attachment; filename="{design_id}.csv"'}
         return StreamingResponse(trajectory_as_csv(path), media_type="text/csv", headers=headers)
     joints = DesignResult.model_validate(found.result).joints
     if format == "ros2":
-        headers = {"Content-Disposition": f'attachment; filename="{design_id}.yaml"'}
         return StreamingResponse(trajectory_for_ros2(path, joints), media_type=YAML, headers=headers)
-    return JSONResponse(trajectory_as_samples(path, joints).model_dump())
+    return JSONResponse(trajectory_as_samples(path, joints).model_dump(), headers=headers)
 
 
 @router.get("/{design_id}/clearances")
