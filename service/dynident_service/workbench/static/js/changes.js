@@ -2,7 +2,7 @@
 
 import { get, post } from "./api.js";
 import { placeOf, titleOf } from "./catalogue.js";
-import { h, numeric, put, row, table } from "./dom.js";
+import { h, numeric, put, right, row, table } from "./dom.js";
 import { interval, number, pValue, percent } from "./format.js";
 import { problemBox, showInForm } from "./problem.js";
 
@@ -114,8 +114,4 @@ export function changeRows(model, one, first = []) {
 function said(model, one) {
   const others = one.equivalent.map((name) => titleOf(model.effects, name) ?? name).join(", ");
   return [one.evidence, others ? h("strong", {}, ` Not told apart by this data: ${others}.`) : null];
-}
-
-function right(text) {
-  return { text, class: "n" };
 }

@@ -1,7 +1,7 @@
 // Drive gains from runs without and with a load of known mass, and other loads weighed with them.
 
 import { get, post } from "./api.js";
-import { announce, field, h, numeric, put, row, select, table } from "./dom.js";
+import { announce, field, h, numeric, put, right, row, select, table } from "./dom.js";
 import { moment, number, quantity } from "./format.js";
 import { computed, progressBar } from "./jobs.js";
 import { clearForm, problemBox, showInForm } from "./problem.js";
@@ -144,8 +144,4 @@ function takeOver(robot, gains, onRobot) {
 /** "0, 0, 0.1" as numbers; what is no number is left for the service to complain of. */
 function numbersIn(text) {
   return text.split(/[,;\s]+/).filter(Boolean).map((one) => (Number.isNaN(Number(one)) ? one : Number(one)));
-}
-
-function right(text) {
-  return { text, class: "n" };
 }

@@ -5,7 +5,7 @@ import { addByHand } from "./add_effect.js";
 import { candidatesTable } from "./candidates.js";
 import { changesForm, changesTable } from "./changes.js";
 import { choiceInWords, placeOf, shapeInWords, titleOf } from "./catalogue.js";
-import { announce, h, put, row, table } from "./dom.js";
+import { announce, h, put, row, section, table } from "./dom.js";
 import { percent } from "./format.js";
 import { effectCards } from "./effect_cards.js";
 import { computed, progressBar } from "./jobs.js";
@@ -58,10 +58,7 @@ export function missingSection(model, signal) {
   };
   model.addEventListener("diagnosis", follow);
   follow();
-  return h(
-    "section",
-    { "aria-labelledby": "missing-title" },
-    h("h2", { id: "missing-title" }, "What is missing"),
+  return section("missing", "What is missing",
     h("p", { class: "actions" }, button, h("span", { class: "note" }, "holds every effect of the catalogue against what the model leaves unexplained")),
     said,
     body,

@@ -2,7 +2,7 @@
 
 import { get } from "./api.js";
 import { kindInWords, placeOf, titleOf } from "./catalogue.js";
-import { h, numeric, put, row, table } from "./dom.js";
+import { h, numeric, put, right, row, table } from "./dom.js";
 import { number, percent } from "./format.js";
 import { problemBox } from "./problem.js";
 
@@ -124,8 +124,4 @@ function essentialFound(model, path) {
     rows.length ? table("Backward elimination", head, rows) : null,
     parametersTable(model, "Essential parameters", path.parameters),
   ];
-}
-
-function right(text) {
-  return { text, class: "n" };
 }

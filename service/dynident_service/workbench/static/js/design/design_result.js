@@ -1,7 +1,7 @@
 // A design that is found: its worth, its motion with the arm, what it promises, and what to do with it.
 
 import { file, get } from "../api.js";
-import { announce, h, numeric, put, row, table } from "../dom.js";
+import { announce, h, numeric, put, right, row, table } from "../dom.js";
 import { grouped, number, percent, quantity } from "../format.js";
 import { positionUnit } from "../format.js";
 import { problemBox } from "../problem.js";
@@ -84,7 +84,6 @@ async function showMotion(section, design, robot, signal) {
 function promises({ expected_parameters: expected }) {
   if (!expected.length) return null;
   const stated = expected.some((one) => one.standard_deviation !== null);
-  const right = (text) => ({ text, class: "n" });
   const rows = expected.map((one) => row([h("code", {}, one.name), one.link, one.effect.replaceAll("_", " "), numeric(quantity(one.standard_deviation, one.unit), one.standard_deviation), numeric(percent(one.share), one.share)]));
   return h("section", { "aria-label": "What it promises" }, h("h2", {}, "What it promises"),
     stated ? null : h("p", { class: "note" }, "Standard deviations need the noise of each joint's torque: state it in the table of limits and design once more."),
@@ -92,7 +91,6 @@ function promises({ expected_parameters: expected }) {
 }
 
 function margins({ margins: found }, robot) {
-  const right = (text) => ({ text, class: "n" });
   const rows = found.map((one) => row([one.joint, one.limit.replaceAll("_", " "), numeric(quantity(one.value, unitOf(one, robot)), one.value), numeric(quantity(one.bound, unitOf(one, robot)), one.bound), numeric(percent(one.share), one.share)]));
   return h("details", { id: "margins" }, h("summary", {}, `How near it comes to its limits and to itself (${found.length})`),
     table("Extremes of the motion beside their limits", ["where", "limit", right("extreme"), right("bound"), right("of the room")], rows));
