@@ -10,7 +10,7 @@ import { percent } from "./format.js";
 import { effectCards } from "./effect_cards.js";
 import { computed, progressBar } from "./jobs.js";
 import { nextRung } from "./next_rung.js";
-import { problemBox, showInForm } from "./problem.js";
+import { pressed, problemBox, showInForm } from "./problem.js";
 
 const HEADLINES = {
   adequate: "Nothing is missing that this data could show",
@@ -26,18 +26,14 @@ export function missingSection(model, signal) {
   const add = (effects, from) => extend(model, effects, from ?? said, signal);
 
   async function run(diagnosis) {
-    button.disabled = true;
-    try {
+    await pressed(button, async () => {
       const bar = progressBar(diagnosis.job_id, "Diagnosing");
       put(said, bar.element);
       const found = await computed("/diagnoses", diagnosis, bar.update, signal);
       put(said);
       model.setDiagnosis(found);
       announce(`${HEADLINES[found.result.verdict]}. ${found.result.summary}`);
-    } catch (error) {
-      if (!signal.aborted) put(said, problemBox(error));
-    }
-    button.disabled = false;
+    }, (error) => put(said, problemBox(error)), signal);
   }
 
   async function diagnose() {

@@ -16,7 +16,8 @@ import { methodInWords, methods } from "./methods.js";
 import { missingSection } from "./missing.js";
 import { Model, newestDiagnosis } from "./model.js";
 import { parametersSection } from "./parameters.js";
-import { problemBox } from "./problem.js";
+import { pressed, problemBox } from "./problem.js";
+import { save } from "./saving.js";
 import { spectraSection } from "./spectra.js";
 import { tabs } from "./tabs.js";
 import { torqueSection } from "./torque.js";
@@ -134,8 +135,7 @@ function actions(model, ways) {
 }
 
 async function makeReport(model, format, ways, button, said) {
-  button.disabled = true;
-  try {
+  await pressed(button, async () => {
     const diagnosis = model.diagnosis?.status === "succeeded" ? model.diagnosis.id : null;
     const validations = await newestValidations(model, ways.validations);
     const made = await post("/reports", { identification_id: model.id, diagnosis_id: diagnosis, validation_ids: validations, format, name: nameOf(model) });
@@ -143,18 +143,9 @@ async function makeReport(model, format, ways, button, said) {
     put(said, bar.element);
     const { result } = await computed("/reports", made, bar.update);
     const open = apiKey.get()
-      ? h("button", { type: "button", onclick: () => save(result.href, `${model.id}.${format}`) }, "Save the report")
+      ? h("button", { type: "button", onclick: async () => save(await content(result.href), `${model.id}.${format}`) }, "Save the report")
       : h("a", { href: result.href, target: "_blank", rel: "noopener" }, "Open the report");
     put(said, h("p", {}, open, ` (${number(result.size / 1e6, 2)} MB, one ${format === "pdf" ? "PDF" : "HTML file"})`));
     announce("The report is written");
-  } catch (error) {
-    put(said, problemBox(error));
-  }
-  button.disabled = false;
-}
-
-async function save(path, name) {
-  const link = h("a", { href: URL.createObjectURL(await content(path)), download: name });
-  link.click();
-  URL.revokeObjectURL(link.href);
+  }, (error) => put(said, problemBox(error)));
 }

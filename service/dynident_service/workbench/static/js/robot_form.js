@@ -3,7 +3,7 @@
 import { post } from "./api.js";
 import { field, h, put, select } from "./dom.js";
 import { dropZone } from "./drop_zone.js";
-import { clearForm, showInForm } from "./problem.js";
+import { clearForm, pressed, showInForm } from "./problem.js";
 import { factsIn, gainFields, placeFields } from "./recordings/robot_facts.js";
 
 const MOVING = new Set(["revolute", "continuous", "prismatic"]);
@@ -38,14 +38,10 @@ export function robotForm(formats, onMade, open) {
   const send = async (event) => {
     event.preventDefault();
     clearForm(form, said);
-    submit.disabled = true;
-    try {
+    await pressed(submit, async () => {
       const description = { format: format.value, content: content.value };
       onMade(await post("/robots", { name: name.value, description, ...factsIn(form) }));
-    } catch (error) {
-      showInForm(form, said, error);
-    }
-    submit.disabled = false;
+    }, (error) => showInForm(form, said, error));
   };
   const form = h(
     "form",

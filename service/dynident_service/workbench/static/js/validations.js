@@ -5,7 +5,7 @@ import { announce, h, numeric, put, right, row, section, table } from "./dom.js"
 import { number, percent, quantity } from "./format.js";
 import { computed, progressBar } from "./jobs.js";
 import { methodsTable } from "./methods_table.js";
-import { problemBox } from "./problem.js";
+import { pressed, problemBox } from "./problem.js";
 
 const WORDS = { pass: "✓ pass", fail: "✕ fail", not_evaluated: "– not evaluated" };
 
@@ -64,22 +64,17 @@ function lineOf(model, { name: kind, label, words: about }, signal) {
     announce(`${name}: ${WORDS[found.result.verdict]}. ${found.result.reason}`);
   };
   const validate = async () => {
-    button.disabled = true;
-    try {
+    await pressed(button, async () => {
       const body = { identification_id: model.id, kind };
       if (kind === "payload") {
         body.measurement_ids = await loads(model, signal);
         if (!body.measurement_ids.length) {
           put(said, h("p", { class: "note" }, "There is no measurement whose role is payload. Record the motion of the identification with a load, and upload it with what the load weighs."));
-          button.disabled = false;
           return;
         }
       }
       await wait(await post("/validations", body, { signal }));
-    } catch (error) {
-      if (!signal.aborted) put(said, problemBox(error));
-    }
-    button.disabled = false;
+    }, (error) => put(said, problemBox(error)), signal);
   };
   return { element, validate, show, wait };
 }

@@ -5,6 +5,7 @@ import { announce, h, numeric, put, right, row, table } from "../dom.js";
 import { grouped, number, percent, quantity } from "../format.js";
 import { positionUnit } from "../format.js";
 import { problemBox } from "../problem.js";
+import { formatLinks, save } from "../saving.js";
 import { choicesOfQuery } from "../schema.js";
 import { motionCurves } from "./curves.js";
 import { virtualRobot } from "./virtual.js";
@@ -42,19 +43,14 @@ function besides(ratio) {
 
 function take(design, formats) {
   const said = h("div");
-  const links = formats.map(([format, text]) => {
-    const path = `/v1/designs/${design.id}/trajectory?format=${format}`;
-    return h("a", { class: "button", href: path, "data-format": format, onclick: (event) => { event.preventDefault(); save(path, said); } }, text);
-  });
+  const links = formatLinks(formats, (format) => `/v1/designs/${design.id}/trajectory?format=${format}`, (path) => saveTrajectory(path, said));
   return h("section", { "aria-label": "For the controller" }, h("h2", {}, "For the controller"), h("p", { class: "actions" }, links), h("p", { class: "note" }, "Run it, record positions and torques or currents, then add the recording under New model."), said);
 }
 
-async function save(path, said) {
+async function saveTrajectory(path, said) {
   try {
     const { content, name } = await file(path);
-    const link = h("a", { href: URL.createObjectURL(content), download: name });
-    link.click();
-    URL.revokeObjectURL(link.href);
+    save(content, name);
     announce(`${name} is saved`);
   } catch (error) {
     put(said, problemBox(error));
