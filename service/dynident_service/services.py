@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated, cast
 
 from fastapi import Depends, Request
@@ -42,6 +44,14 @@ class Services:
     awaited: Awaited
     following: Following
     verdicts: Remembered[VerdictView] = field(default_factory=lambda: Remembered(MOST_VERDICTS))
+
+    @contextmanager
+    def scratch(self) -> Iterator[Path]:
+        """A folder for the files of one request, which is gone with it."""
+        folder = self.settings.uploads_dir
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder) as name:
+            yield Path(name)
 
 
 @contextmanager

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal
+
+from dynident.asking import Choice, OneOf
 
 DescriptionFormat = Literal["urdf", "mjcf", "modified_dh", "dh"]
-FORMATS: tuple[DescriptionFormat, ...] = get_args(DescriptionFormat)
+FORMATS = OneOf(
+    Choice("urdf", "URDF"),
+    Choice("mjcf", "MJCF"),
+    Choice("modified_dh", "modified Denavit-Hartenberg table (JSON)"),
+    Choice("dh", "Denavit-Hartenberg table, classical or modified (text)"),
+)
 """All of them, the most usual first."""

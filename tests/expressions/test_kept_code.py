@@ -107,8 +107,9 @@ def test_the_folder_does_not_grow_without_end(folder, monkeypatch):
         os.utime(newest, (number, number))
     kept_code.kept("text 0", lambda: pytest.fail("it is there"))  # used just now, so the newest
     monkeypatch.setattr(kept_code, "_ROOM", 5000)
-    kept_code._folder.cache_clear()
-    for number in (0, 7):
+    kept_code._tidied.cache_clear()
+    kept_code.kept("text 8", lambda: bytes(1000))
+    for number in (0, 8):
         kept_code.kept(f"text {number}", lambda: pytest.fail("it is there"))
     assert len(list(folder.iterdir())) == 2
 

@@ -132,7 +132,7 @@ FULL = OSError(errno.ENOSPC, "No space left on device")
     [
         (Resources, "create", OperationalError("INSERT", {}, Exception("database or disk is full"))),
         (ObjectStore, "put_hashed", OSError("Generic LocalFileSystem error: No space left on device (os error 28)")),
-        ("dynident_service.routes.measurements.shutil", "copyfileobj", FULL),
+        ("dynident_service.routes.uploads.shutil", "copyfileobj", FULL),
     ],
     ids=["database", "objects", "upload"],
 )

@@ -15,13 +15,13 @@ from dynident.excitation import CriterionChoice, Design, DesignRequest, Trajecto
 from dynident.excitation.checks import check_request
 from dynident.excitation.formats.ros2 import joint_trajectory
 from dynident.excitation.nearness import nearest_along
+from dynident.identification.shapes.shapes import check_choices
 from dynident.motion.surroundings.contacts import Nearest
 from dynident.recordings.arrow import as_floats
 from dynident.robot import Robot
 from dynident.simulation import Reference
 from dynident_service.adapters.answers import shown
 from dynident_service.adapters.derived import body, taken
-from dynident_service.adapters.identifications import check_effects
 from dynident_service.models import designs as wire
 
 ROWS = 65_536
@@ -41,7 +41,7 @@ def random_design(trajectory: wire.Trajectory, robot: Robot, seed: int = 0) -> D
 
 def _checked(request: DesignRequest, robot: Robot) -> DesignRequest:
     check_request(request)
-    check_effects(request.wanted_effects, robot)
+    check_choices(request.wanted_effects, robot)
     _check_rivals(request.criterion, robot)
     return request
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from dynident.effects import EffectChoice
-from dynident.effects.catalogue import check_shape, joints_of
 from dynident.identification import Identification, IdentificationChoices
 from dynident.identification.equations.data import motions_and_friction
-from dynident.identification.shapes.shapes import check_shapes_given
+from dynident.identification.shapes.shapes import check_choices
 from dynident.identification.study.dependence import parameter_dependence
 from dynident.identification.study.essential import EssentialPath
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
@@ -28,17 +26,8 @@ def choices_from_request(
     """
     filters = _preprocessing(request, recordings) if recordings else None
     choices = taken(request, IdentificationChoices, preprocessing=filters)
-    check_effects(choices.effects, robot)
+    check_choices(choices.effects, robot)
     return choices
-
-
-def check_effects(effects: Sequence[EffectChoice], robot: Robot) -> None:
-    """Raise `DynidentError`, which names the field, where an effect cannot sit there or lacks a shape constant."""
-    check_shapes_given(effects)
-    for index, choice in enumerate(effects):
-        pointer = f"/effects/{index}"
-        check_shape(choice, pointer)
-        joints_of(choice, robot, pointer)
 
 
 def describe_identification(

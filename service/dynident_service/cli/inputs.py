@@ -12,20 +12,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pydantic import ValidationError
-
 from dynident.desk.robots import load_robot
 from dynident.desk.robots import with_gains as set_gains
 from dynident.effects import EffectChoice
 from dynident.effects.written import written_effects
 from dynident.errors import DynidentError
 from dynident.identification import Identification, from_bytes
-from dynident.identification.robot_recordings import import_cured, import_for_robot
+from dynident.identification.robot_recordings import MOST_CURES, import_cured
+from dynident.identification.shapes.shapes import check_choices
 from dynident.progress import Progress, part
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.names import unique_names
 from dynident.robot import Robot
-from dynident_service.adapters.identifications import check_effects
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot
 from dynident_service.cli.metadata import as_proposed, read_metadata
@@ -135,19 +133,15 @@ def _load(
 ) -> Loaded:
     check_readable(path)
     try:
-        if cure:
-            mended = import_cured(robot, path, destination, metadata, progress)
-            recording, checks, metadata = mended.recording, mended.checks, mended.metadata
-        else:
-            recording, checks = import_for_robot(robot, path, destination, metadata, progress)
+        read = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
     except RecordingError as error:
         if not cure and any(one.status == "error" and one.apply is not None for one in error.checks):
             error.detail += " Or have it put right: --cure."
         # Which of the files: the science knows columns, rows and times alone.
         error.detail = f"{path.name}: {_reworded(error.detail, metadata.name)}"
         raise
-    told = tuple(replace(one, detail=_reworded(one.detail, metadata.name)) for one in checks)
-    return Loaded(recording, told, path, metadata)
+    told = tuple(replace(one, detail=_reworded(one.detail, read.metadata.name)) for one in read.checks)
+    return Loaded(read.recording, told, path, read.metadata)
 
 
 def _reworded(detail: str, name: str) -> str:
@@ -165,7 +159,7 @@ def recordings_of(measurements: Sequence[Loaded]) -> list[Recording]:
 def effects_of(given: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:
     """The effects that were asked for, checked against the robot."""
     choices = named_effects(given)
-    check_effects(choices, robot)
+    check_choices(choices, robot)
     return choices
 
 
@@ -186,6 +180,8 @@ def model_of(path: Path) -> Identification:
 
 def stored_diagnosis(path: Path) -> AdvisedDiagnosis:
     """Read what `dynident diagnose --out` wrote."""
+    from pydantic import ValidationError
+
     from dynident_service.adapters.diagnoses import diagnosis_of
 
     try:

@@ -8,14 +8,10 @@ from dataclasses import fields
 from pathlib import Path
 from typing import get_args
 
-from pydantic import ValidationError
-
 from dynident.errors import DynidentError
 from dynident.identification.imports import EffortKind, Inspection
 from dynident.recordings import RecordingMetadata
-from dynident_service.adapters.revisions import metadata_of
 from dynident_service.cli.files import check_readable
-from dynident_service.models.measurements import MeasurementMetadata
 
 NEEDED_FOR_GAINS = "drives"
 _BESIDE = ("questions", "name", "format")
@@ -80,6 +76,12 @@ def read_metadata(given: Sequence[str], names: Sequence[str]) -> dict[str, Recor
 
 
 def _read(path: Path) -> RecordingMetadata:
+    # Most commands are told everything by options, and need not wait for the contract.
+    from pydantic import ValidationError
+
+    from dynident_service.adapters.revisions import metadata_of
+    from dynident_service.models.measurements import MeasurementMetadata
+
     check_readable(path)
     try:
         document = json.loads(path.read_text(encoding="utf-8"))

@@ -8,19 +8,24 @@ from collections.abc import Callable, Mapping
 from rich.console import Console
 
 from dynident.identification import Identification, to_bytes
-from dynident_service.adapters.identifications import describe_identification
 from dynident_service.cli import terminal
 from dynident_service.cli.inputs import write_whole
 from dynident_service.cli.options import Result
 from dynident_service.cli.shown import show_identification
 from dynident_service.cli.shown_ladders import show_ladder
-from dynident_service.models.common import plain
+
+Document = Mapping[str, object]
 
 
 def tell(
-    result: Result, what: str, document: Mapping[str, object], show: Callable[[Console], None], content: bytes = b""
+    result: Result, what: str, described: Callable[[], Document], show: Callable[[Console], None], content: bytes = b""
 ) -> None:
-    """Write what came out where it was asked for, its document where there is no `content`, and tell of it."""
+    """Write what came out where it was asked for, its document where there is no `content`, and tell of it.
+
+    The document is made where it is needed: what describes an answer takes longer to load than a small robot to
+    identify.
+    """
+    document = described() if result.as_json or (result.out is not None and not content) else {}
     if result.out is not None:
         write_whole(result.out, content or json.dumps(document, indent=1, allow_nan=False).encode())
     if result.as_json:
@@ -35,9 +40,14 @@ def tell(
 def tell_rung(result: Result, found: Identification, parent_id: str, parent: Identification) -> None:
     """The same of a model that was made from another one."""
 
+    def described() -> Document:
+        from dynident_service.adapters.identifications import describe_identification
+        from dynident_service.models.common import plain
+
+        return plain(describe_identification(found, parent_id, parent))
+
     def show(console: Console) -> None:
         show_ladder(console, found)
         show_identification(console, found, parameters=False)
 
-    document = plain(describe_identification(found, parent_id, parent))
-    tell(result, "model", document, show, to_bytes(found))
+    tell(result, "model", described, show, to_bytes(found))

@@ -7,12 +7,16 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
+from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from dynident.progress import Progress as Report
+from dynident.progress import silent
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
 
 _MESSAGE = 40
 _WIDE = 120
@@ -37,6 +41,11 @@ def print_json(document: Mapping[str, object]) -> None:
 def progress_bar(title: str) -> Iterator[Report]:
     """A progress bar on stderr, where that is a terminal; leaves nothing behind."""
     console = err()
+    if not console.is_terminal:
+        yield silent
+        return
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
     columns = (
         SpinnerColumn(),
         TextColumn("{task.description}"),
@@ -45,7 +54,7 @@ def progress_bar(title: str) -> Iterator[Report]:
         TimeElapsedColumn(),
         TextColumn("{task.fields[message]}", style="dim"),
     )
-    shown = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    shown = Progress(*columns, console=console, transient=True)
     with shown:
         yield partial(_advance, shown, shown.add_task(title, total=1.0, message=""))
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
+from dynident.effects.choices import DEFAULT_EFFECTS
 from dynident.export.stated import ExportChoices
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.essential_choices import EssentialChoices
@@ -19,7 +20,6 @@ JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]
 SHAPE_JUDGEMENTS = Literal[
     "determined", "uncertain", "not_determined", "at_edge", "elsewhere", "chosen", "not_looked_at"
 ]
-DEFAULT_EFFECTS = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 
 if TYPE_CHECKING:
     EssentialQuery = EssentialChoices
@@ -43,7 +43,7 @@ class IdentificationRequest(Asked):
     validation_ids: list[Identifier] = Field(default=[], max_length=100)
     name: Name | None = None
     effects: list[EffectChoice] = Field(
-        default=[EffectChoice(effect=name) for name in DEFAULT_EFFECTS], min_length=1, max_length=200
+        default=[EffectChoice(effect=one.effect) for one in DEFAULT_EFFECTS], min_length=1, max_length=200
     )
     preprocessing: Preprocessing | Literal["auto"] = "auto"
 

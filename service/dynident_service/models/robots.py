@@ -7,17 +7,17 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from dynident.descriptions import DescriptionFormat
+from dynident.descriptions import FORMATS, DescriptionFormat
 from dynident.robot import stated
 from dynident_service.models.common import Asked, Name, Shown
-from dynident_service.models.derived import asks
+from dynident_service.models.derived import asks, choices_shown
 from dynident_service.models.labels import Labelled
 
 
 class Description(Asked):
     """What the robot is made from."""
 
-    format: DescriptionFormat
+    format: DescriptionFormat = Field(json_schema_extra=choices_shown(FORMATS))
     content: str | dict[str, Any] = Field(
         description="The URDF or MJCF; the modified Denavit-Hartenberg table, as JSON; or, as dh, a classical or "
         "modified table as text, whose first line says which."

@@ -7,7 +7,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from dynident.recordings.stated import Role
-from dynident.simulation.stated import ActingEffect, Simulated
+from dynident.simulation.stated import ActingEffect, Simulated, usual_effects
 from dynident.simulation.stated import Sensors as Sensing
 from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
 from dynident_service.models.derived import asks
@@ -43,10 +43,9 @@ class SimulationRequest(Asked):
 
     robot_id: Identifier
     name: Name | None = None
-    # By name, as the contract has it: to ask the catalogue takes a second, which no service has to spare at its start.
     effects: list[TrueEffect] = Field(
         max_length=1000,
-        default=[TrueEffect.model_validate({"effect": name}) for name in ("rotor_inertia", "coulomb", "viscous")],
+        default=[TrueEffect.model_validate({"effect": one.effect}) for one in usual_effects()],
     )
     trajectory: Samples | Trajectory | None = Field(
         default=None, description="Samples; or a family, of which a random motion within the limits is taken."

@@ -37,15 +37,15 @@ def create_current_models(
 ) -> CurrentModelsView:
     """Identify every joint's parameters in units of its current: no drive gain has to be known."""
     from dynident.identification.loads.current_units import check_current_effects
+    from dynident.identification.shapes.shapes import check_choices
     from dynident_service.adapters.effects import choices_of
-    from dynident_service.adapters.identifications import check_effects
     from dynident_service.adapters.robots import robot_of
 
     robot = needed_robot(services, body.robot_id)
     _check_gains(robot)
     refuse_coupled(robot, "currents are told joint by joint for")
     effects = choices_of(body.effects or [])
-    check_effects(effects, robot_of(robot.request))
+    check_choices(effects, robot_of(robot.request))
     check_current_effects(effects)
     needs = (
         RestsOn(robot.id, "robot", "robot", "/robot_id"),

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
+from dynident.excitation.formats.stated import FORMATS, TrajectoryFormat
 from dynident_service.models.common import plain
+from dynident_service.models.derived import choices_shown
 from dynident_service.models.designs import DesignClearances, DesignRequest, DesignResult, DesignView, TrajectorySamples
 from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
 from dynident_service.routes.kept import Kept, keep
@@ -51,7 +53,8 @@ def get_trajectory(
     design_id: str,
     services: ServicesDep,
     format: Annotated[
-        Literal["csv", "parquet", "json", "ros2"], Query(description="ros2: a JointTrajectory message in YAML")
+        TrajectoryFormat,
+        Query(description="ros2: a JointTrajectory message in YAML", json_schema_extra=choices_shown(FORMATS)),
     ] = "csv",
 ) -> Response:
     """Give t, q…, dq…, ddq… at the sampling rate, with the moves from and to rest."""
@@ -61,14 +64,14 @@ def get_trajectory(
     path = services.objects.path(found.objects["trajectory"].key)
     if format == "parquet":
         return FileResponse(path, media_type=PARQUET, filename=f"{design_id}.parquet")
+    ending = "yaml" if format == "ros2" else format
+    headers = {"Content-Disposition": f'attachment; filename="{design_id}.{ending}"'}
     if format == "csv":
-        headers = {"Content-Disposition": f'attachment; filename="{design_id}.csv"'}
         return StreamingResponse(trajectory_as_csv(path), media_type="text/csv", headers=headers)
     joints = DesignResult.model_validate(found.result).joints
     if format == "ros2":
-        headers = {"Content-Disposition": f'attachment; filename="{design_id}.yaml"'}
         return StreamingResponse(trajectory_for_ros2(path, joints), media_type=YAML, headers=headers)
-    return JSONResponse(trajectory_as_samples(path, joints).model_dump())
+    return JSONResponse(trajectory_as_samples(path, joints).model_dump(), headers=headers)
 
 
 @router.get("/{design_id}/clearances")

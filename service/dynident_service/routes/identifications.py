@@ -92,15 +92,15 @@ def extend_identification(
     identification_id: str, body: ExtensionRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Add effects to an identified model: a new identification, whose parent is this one."""
+    from dynident.identification.shapes.shapes import check_choices
     from dynident_service.adapters.effects import choices_of
-    from dynident_service.adapters.identifications import check_effects
     from dynident_service.adapters.robots import robot_of
 
     parent = succeeded(services.resources.get("identification", identification_id))
     asked = StoredIdentification.model_validate(parent.request)
     robot = needed_robot(services, parent.one("robot"))
     added = as_diagnosed(services, parent, body.effects)
-    check_effects(choices_of(added), robot_of(robot.request))
+    check_choices(choices_of(added), robot_of(robot.request))
     grown = {"effects": [*asked.effects, *added], "added": added, "removed": []}
     new = _next_rung(parent, asked, {**grown, "name": body.name or asked.name}, EXTENSION, retry.of(body))
     return show(make(services, new, response))

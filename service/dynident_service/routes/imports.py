@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from datetime import timedelta
 from pathlib import Path
 from typing import Annotated
@@ -13,12 +11,11 @@ from fastapi import APIRouter, File, Form, Request, Response, UploadFile
 
 from dynident_service.models.common import Page, plain
 from dynident_service.models.imports import ImportMetadata, ImportView
-from dynident_service.problems import unusable
 from dynident_service.routes.common import ListQueryDep, RetryKeyDep, again, make, page_of, stated
-from dynident_service.routes.measurements import media_type_of, require_room
+from dynident_service.routes.needs import needed
+from dynident_service.routes.uploads import media_type_of, receive, sha256_of
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.imports import KEPT
-from dynident_service.storage.objects import digest
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
 
 router = APIRouter(prefix="/v1/imports", tags=["imports"])
@@ -40,18 +37,14 @@ async def import_file(
     said = stated(ImportMetadata, metadata, "/metadata")
     if said.name is None and file.filename:
         said = said.model_copy(update={"name": Path(file.filename).stem[:200] or None})
-    folder = services.settings.uploads_dir
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder) as name:
-        source = Path(name) / "source"
+    with services.scratch() as folder:
+        source = folder / "source"
         sha256 = await to_thread.run_sync(_receive, services, file, source)
         key = retry.of(said, sha256)
         known = await to_thread.run_sync(services.resources.known, key)
         if known is not None:
             return show(again(known, response))
-        robot = await to_thread.run_sync(services.resources.find, said.robot_id)
-        if robot is None or robot.kind != "robot":
-            raise unusable(f"there is no robot {said.robot_id!r}", "/metadata/robot_id", title="Unknown resource")
+        robot = await to_thread.run_sync(needed, services, "robot", said.robot_id, "/metadata/robot_id")
         arguments = {"source": str(source), "robot": dict(robot.request), "metadata": plain(said), "sha256": sha256}
         result = await services.awaited.call(request, LOOK, dict, arguments, LONGEST_LOOK)
         return await to_thread.run_sync(lambda: show(_store(services, said, source, result, key, response)))
@@ -84,11 +77,8 @@ def show(resource: Resource) -> ImportView:
 
 
 def _receive(services: Services, file: UploadFile, source: Path) -> str:
-    require_room(services, source.parent, file)
-    with source.open("wb") as target:
-        shutil.copyfileobj(file.file, target, 1 << 20)
-    with source.open("rb") as opened:
-        return digest(opened)[0]
+    receive(services, file, source)
+    return sha256_of(source)
 
 
 def _store(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,14 +16,14 @@ from dynident_service.models.imports import MeasurementOfImport
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
 from dynident_service.problems import ProblemError, ProblemField, not_found, unusable, validation_problem
 from dynident_service.routes.common import LabelledQueryDep, RetryKey, RetryKeyDep, again, make, page_of, stated
+from dynident_service.routes.needs import needed
+from dynident_service.routes.uploads import MEDIA_TYPES, media_type_of, receive, require_room, sha256_of
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.objects import digest
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
 from dynident_service.storage.tombstones import ObjectGone
 
 router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
 
-MEDIA_TYPES = {"csv": "text/csv", "parquet": "application/vnd.apache.parquet"}
 JSON_BODY = {
     "requestBody": {
         "content": {
@@ -69,28 +67,26 @@ async def upload_measurement(
         lacking = [name for name, value in (("file", file), ("metadata", metadata)) if value is None]
         fields = [ProblemField(pointer=f"/{name}", detail="Field required") for name in lacking]
         raise ProblemError.of(validation_problem(fields))
-    folder = services.settings.uploads_dir
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder) as name:
+    with services.scratch() as folder:
         said = stated(MeasurementMetadata, metadata, "/metadata")
-        received = await to_thread.run_sync(_receive, services, said, file, Path(name), retry)
-        if received.known is not None:
-            return show(again(received.known, response))
-        result = await services.awaited.call(request, IMPORT, dict, received.to_import(), LONGEST_IMPORT)
-        return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
+        received = await to_thread.run_sync(_receive, services, said, file, folder, retry)
+        return await _checked(request, services, received, response)
 
 
 async def _of_import(request: Request, services: Services, retry: RetryKey, response: Response) -> MeasurementView:
     """Store a recording of a file that was imported before."""
     asked = stated(MeasurementOfImport, await request.body())
-    folder = services.settings.uploads_dir
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder) as name:
-        received = await to_thread.run_sync(_imported, services, asked, Path(name), retry)
-        if received.known is not None:
-            return show(again(received.known, response))
-        result = await services.awaited.call(request, IMPORT, dict, received.to_import(), LONGEST_IMPORT)
-        return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
+    with services.scratch() as folder:
+        received = await to_thread.run_sync(_imported, services, asked, folder, retry)
+        return await _checked(request, services, received, response)
+
+
+async def _checked(request: Request, services: Services, received: _Received, response: Response) -> MeasurementView:
+    """Check a file and store it, unless an earlier try did."""
+    if received.known is not None:
+        return show(again(received.known, response))
+    result = await services.awaited.call(request, IMPORT, dict, received.to_import(), LONGEST_IMPORT)
+    return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
 
 
 def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key: RetryKey) -> _Received:
@@ -104,20 +100,12 @@ def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key:
         detail = f"there is no import {asked.import_id!r}; they are kept for a day: upload the file again"
         raise unusable(detail, "/import_id", title="Unknown resource")
     original = found.objects["original"]
-    if shutil.disk_usage(folder).free < 2 * original.size + services.settings.reserved_bytes:
-        raise ProblemError(507, "The disk of the service is nearly full, so nothing was stored.", title="Disk full")
+    require_room(services, folder, original.size)
     with source.open("wb") as target:
         for part in services.objects.stream(original.key):
             target.write(part)
-    robot = _robot(services, said.robot_id)
+    robot = needed(services, "robot", said.robot_id, "/metadata/robot_id").request
     return _Received(said, source, original.key, retry, robot, import_id=found.id)
-
-
-def _robot(services: Services, identifier: str) -> Mapping[str, Any]:
-    robot = services.resources.find(identifier)
-    if robot is None or robot.kind != "robot":
-        raise unusable(f"there is no robot {identifier!r}", "/metadata/robot_id", title="Unknown resource")
-    return robot.request
 
 
 @router.get("")
@@ -137,10 +125,7 @@ def get_measurement(measurement_id: str, services: ServicesDep) -> MeasurementVi
 @router.get("/{measurement_id}/content", response_class=StreamingResponse)
 def get_measurement_content(measurement_id: str, services: ServicesDep) -> StreamingResponse:
     """Give the file back as it was uploaded."""
-    found = services.resources.get("measurement", measurement_id)
-    original = found.objects.get("original")
-    if original is None:
-        raise not_found("file of measurement", measurement_id)
+    original = original_of(services.resources.get("measurement", measurement_id))
     headers = {"Content-Length": str(original.size), "ETag": f'"{original.key}"'}
     return StreamingResponse(services.objects.stream(original.key), media_type=original.media_type, headers=headers)
 
@@ -149,6 +134,13 @@ def get_measurement_content(measurement_id: str, services: ServicesDep) -> Strea
 def delete_measurement(measurement_id: str, services: ServicesDep) -> None:
     """Delete a measurement; 409 while others rest on it."""
     services.resources.delete("measurement", measurement_id)
+
+
+def original_of(measurement: Resource) -> Owned:
+    """Give the file of a measurement as it was uploaded; a problem 404 where there is none."""
+    if "original" not in measurement.objects:
+        raise not_found("file of measurement", measurement.id)
+    return measurement.objects["original"]
 
 
 def show(resource: Resource) -> MeasurementView:
@@ -202,16 +194,14 @@ class _Received:
 
 
 def _receive(services: Services, said: MeasurementMetadata, file: UploadFile, folder: Path, key: RetryKey) -> _Received:
-    require_room(services, folder, file)
     source = folder / "source"
-    with source.open("wb") as target:
-        shutil.copyfileobj(file.file, target, 1 << 20)
-    with source.open("rb") as opened:
-        sha256, _ = digest(opened)
+    receive(services, file, source)
+    sha256 = sha256_of(source)
     retry = key.of(said, sha256)
     if (known := services.resources.known(retry)) is not None:
         return _Received(said, source, sha256, retry, {}, known)
-    return _Received(said, source, sha256, retry, _robot(services, said.robot_id))
+    robot = needed(services, "robot", said.robot_id, "/metadata/robot_id").request
+    return _Received(said, source, sha256, retry, robot)
 
 
 def _store(services: Services, received: _Received, result: Mapping[str, Any], response: Response) -> Resource:
@@ -232,24 +222,6 @@ def _store(services: Services, received: _Received, result: Mapping[str, Any], r
         return make(services, new, response)
     except ObjectGone:  # swept away while this waited for longer than such files are kept
         return make(services, replace(new, objects=_keep(services, received)), response)
-
-
-def require_room(services: Services, folder: Path, file: UploadFile) -> None:
-    """Refuse what would fill the disk to the brim: the database needs room too, even to delete something."""
-    needed = 2 * (file.size or 0) + services.settings.reserved_bytes  # the file and its recording
-    if shutil.disk_usage(folder).free < needed:
-        detail = "The disk of the service is nearly full (DYNIDENT_RESERVED_BYTES), so nothing was stored; make room."
-        raise ProblemError(507, detail, title="Disk full")
-
-
-def media_type_of(source: Path) -> str:
-    """What a file is, for whoever fetches it."""
-    with source.open("rb") as opened:
-        start = opened.read(16)
-    if start.startswith(b"PAR1"):
-        return MEDIA_TYPES["parquet"]
-    foreign = (b"\x93NUMPY", b"PK\x03\x04", b"MATLAB", b"\x89HDF", b"#ROSBAG", b"SQLite", b"\x89MCAP")
-    return "application/octet-stream" if start.startswith(foreign) else MEDIA_TYPES["csv"]
 
 
 def _keep(services: Services, received: _Received) -> tuple[Owned, ...]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +13,8 @@ from fastapi import APIRouter, File, Request, Response, UploadFile
 from dynident_service.models.geometry import GeometryView
 from dynident_service.models.robots import MeshesView
 from dynident_service.problems import unusable
-from dynident_service.routes.measurements import require_room
+from dynident_service.routes.needs import needed
+from dynident_service.routes.uploads import receive
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.meshes import GEOMETRY, meshes_of, named_meshes, role_of
 from dynident_service.storage.records import Owned
@@ -47,13 +46,11 @@ async def put_meshes(
     A file is known by its name and as many of its folders as it is sent with.
     """
     robot = await to_thread.run_sync(services.resources.get, "robot", robot_id)
-    folder = services.settings.uploads_dir
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder) as name:
-        sent = await to_thread.run_sync(_receive, services, files, Path(name))
+    with services.scratch() as folder:
+        sent = await to_thread.run_sync(_receive, services, files, folder)
         files_sent = tuple(sent.values())
         await to_thread.run_sync(services.resources.check_room, "robot", files_sent, robot_id)
-        taken = await _taken(request, services, robot.request, sent, meshes_of(robot), Path(name))
+        taken = await _taken(request, services, robot.request, sent, meshes_of(robot), folder)
         unused = taken.unused
         while True:
             told = {"meshes": taken.named}
@@ -61,7 +58,7 @@ async def put_meshes(
             if meshes_of(robot) == taken.files:
                 return MeshesView.model_validate({"meshes": named_meshes(robot), "unused": unused})
             # Others came meanwhile: the geometry is that of all of them.
-            taken = await _taken(request, services, robot.request, {}, meshes_of(robot), Path(name))
+            taken = await _taken(request, services, robot.request, {}, meshes_of(robot), folder)
 
 
 @router.get("/{robot_id}/geometry", response_model=GeometryView)
@@ -85,16 +82,12 @@ async def inherited(
     """What a new robot, whose description names these meshes, has of another one's."""
     if source_id is None:
         return ()
-    source = await to_thread.run_sync(services.resources.find, source_id)
-    if source is None or source.kind != "robot":
-        raise unusable(f"there is no robot {source_id!r}", "/meshes_of", title="Unknown resource")
+    source = await to_thread.run_sync(needed, services, "robot", source_id, "/meshes_of")
     kept = {name: file for name, file in meshes_of(source).items() if name in named}
     if not kept:
         return ()
-    folder = services.settings.uploads_dir
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder) as name:
-        taken = await _taken(request, services, asked, {}, kept, Path(name))
+    with services.scratch() as folder:
+        taken = await _taken(request, services, asked, {}, kept, folder)
     owned = [
         replace(taken.files[one["name"]], role=role_of(k)) for k, one in enumerate(taken.named) if one["name"] in kept
     ]
@@ -104,17 +97,11 @@ async def inherited(
 def _receive(services: Services, files: Sequence[UploadFile], folder: Path) -> dict[str, Path]:
     received: dict[str, Path] = {}
     for place, file in enumerate(files):
-        require_room(services, folder, file)
         name = file.filename or f"file {place + 1}"
         if name in received:
-            raise unusable(
-                f"{name} comes twice; send it with its folders",
-                "/files",
-                title="Ambiguous mesh",
-            )
+            raise unusable(f"{name} comes twice; send it with its folders", "/files", title="Ambiguous mesh")
         received[name] = folder / f"sent-{place}"
-        with received[name].open("wb") as target:
-            shutil.copyfileobj(file.file, target, 1 << 20)
+        receive(services, file, received[name])
     return received
 
 

@@ -9,7 +9,7 @@ from fastapi.responses import Response, StreamingResponse
 
 from dynident_service.models.measurements import MeasurementMetadata
 from dynident_service.models.raw_signals import RawSignals, Standstills
-from dynident_service.problems import not_found
+from dynident_service.routes.measurements import original_of
 from dynident_service.services import ServicesDep
 
 router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
@@ -32,13 +32,10 @@ def get_raw_signals(
     from dynident_service.adapters.robots import robot_of
 
     found = services.resources.get("measurement", measurement_id)
-    original = found.objects.get("original")
-    if original is None:
-        raise not_found("file of measurement", measurement_id)
     said = MeasurementMetadata.model_validate(found.request)
     robot = robot_of(services.resources.get("robot", said.robot_id).request)
     wanted = [name.strip() for name in (signals or "").split(",") if name.strip()]
-    opened = as_recorded(services.objects.path(original.key), robot, said, wanted)
+    opened = as_recorded(services.objects.path(original_of(found).key), robot, said, wanted)
     if points is None:
         return StreamingResponse(streamed(opened, start, end), media_type="application/json")
     return Response(thinned(opened, points, start, end).model_dump_json(), media_type="application/json")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +12,10 @@ from fastapi import APIRouter, Request, Response
 from dynident_service.models.common import plain
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
 from dynident_service.models.revisions import RevisionRequest
-from dynident_service.problems import Problem, ProblemError, not_found, unusable
+from dynident_service.problems import Problem, ProblemError, unusable
 from dynident_service.routes.common import RetryKeyDep, again, make
-from dynident_service.routes.measurements import IMPORT, LONGEST_IMPORT, MEDIA_TYPES, show
+from dynident_service.routes.measurements import IMPORT, LONGEST_IMPORT, original_of, show
+from dynident_service.routes.uploads import MEDIA_TYPES
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn
 
@@ -41,10 +41,8 @@ async def revise_measurement(
     if known is not None:
         return show(again(known, response))
     said, edits = await to_thread.run_sync(_said, parent, body)
-    folder = services.settings.uploads_dir
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder) as name:
-        destination = Path(name) / "recording.parquet"
+    with services.scratch() as folder:
+        destination = folder / "recording.parquet"
         asked = await to_thread.run_sync(_to_import, services, parent, said, destination)
         try:
             result = await services.awaited.call(request, IMPORT, dict, asked, LONGEST_IMPORT)
@@ -96,9 +94,7 @@ def _of_body(problem: Problem) -> ProblemError:
 
 
 def _to_import(services: Services, parent: Resource, said: MeasurementMetadata, destination: Path) -> dict[str, Any]:
-    original = parent.objects.get("original")
-    if original is None:
-        raise not_found("file of measurement", parent.id)
+    original = original_of(parent)
     return {
         "source": str(services.objects.path(original.key)),
         "destination": str(destination),

@@ -7,10 +7,9 @@ from typing import Protocol, runtime_checkable
 
 from dynident.diagnosis import Diagnosis, RankedEffect
 from dynident.effects import EffectChoice
-from dynident.effects.catalogue import check_shape, joints_of
 from dynident.effects.written import written_effects
 from dynident.errors import DynidentError
-from dynident.identification.shapes.shapes import check_shapes_given
+from dynident.identification.shapes.shapes import check_choices
 from dynident.robot import Robot
 
 _TITLE = "Nothing to add"
@@ -46,10 +45,7 @@ def named_effects(given: str | EffectChoice | Iterable[str | EffectChoice]) -> t
 
 def checked_effects(choices: tuple[EffectChoice, ...], robot: Robot) -> tuple[EffectChoice, ...]:
     """The same choices; `DynidentError` where there is no such effect or joint, or a shape constant is lacking."""
-    for index, choice in enumerate(choices):
-        check_shape(choice, f"/effects/{index}")
-        joints_of(choice, robot, f"/effects/{index}")
-    check_shapes_given(choices)
+    check_choices(choices, robot)
     return choices
 
 

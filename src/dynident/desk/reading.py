@@ -14,7 +14,7 @@ from typing import Unpack
 from dynident.desk.recordings import CheckedRecording, Recordings, Source
 from dynident.desk.robots import DriveGains, with_gains
 from dynident.errors import DynidentError
-from dynident.identification.robot_recordings import import_cured, import_for_robot
+from dynident.identification.robot_recordings import MOST_CURES, import_cured
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
 from dynident.recordings.names import unique_names
@@ -120,18 +120,13 @@ def _read(
     with tempfile.NamedTemporaryFile(dir=_temporary_folder().name, suffix=".parquet", delete=False) as made:
         destination = Path(made.name)
     try:
-        if cure:
-            mended = import_cured(robot, path, destination, metadata, progress)
-            recording, checks, metadata = mended.recording, mended.checks, mended.metadata
-            edits = (*edits, *mended.revisions)
-        else:
-            recording, checks = import_for_robot(robot, path, destination, metadata, progress)
+        read = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
     except BaseException:
         destination.unlink(missing_ok=True)
         raise
-    _remove_when_unused(recording, destination)
-    found = tuple(replace(one, detail=_reworded(one.detail)) for one in checks)
-    return CheckedRecording(recording, found, robot, Source(path, metadata, edits))
+    _remove_when_unused(read.recording, destination)
+    found = tuple(replace(one, detail=_reworded(one.detail)) for one in read.checks)
+    return CheckedRecording(read.recording, found, robot, Source(path, read.metadata, (*edits, *read.revisions)))
 
 
 def revise(

@@ -7,9 +7,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from dynident.descriptions import FORMATS
+from dynident.descriptions import FORMATS, DescriptionFormat
 from dynident.desk.xacro_files import expanded
 from dynident.errors import DynidentError
 from dynident.robot import Description, Drive, Limits, Robot, library_names, robot_from_description, robot_from_library
@@ -194,12 +194,12 @@ def _object(document: Mapping[str, Any], field: str) -> Mapping[str, Any]:
 def _description(value: object) -> Description:
     fields = expect_mapping(value, ("format", "content"), "/description", _TITLE)
     form = fields.get("format")
-    if form not in FORMATS:
-        raise DynidentError(f"Expected {listed(FORMATS)}.", pointer="/description/format", title=_TITLE)
+    if form not in FORMATS.names:
+        raise DynidentError(f"Expected {listed(FORMATS.names)}.", pointer="/description/format", title=_TITLE)
     content = fields.get("content")
     if form == "modified_dh" and isinstance(content, (dict, list)):
         content = json.dumps(content)
-    return Description(form, expect_text(content, "/description/content", _TITLE))
+    return Description(cast(DescriptionFormat, form), expect_text(content, "/description/content", _TITLE))
 
 
 def _limits(value: object, at: str) -> Limits:

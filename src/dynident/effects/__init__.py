@@ -1,34 +1,36 @@
 """What produces joint torque: one file a family, one catalogue of all."""
 
-from dynident.effects.catalogue import (
-    CATALOGUE,
-    DEFAULT_EFFECTS,
-    JOINT_FRICTION,
-    LINKS,
-    OFFSETS,
-    UnknownEffectError,
-    columns_of,
-    effect_by_id,
-    load_in,
-    role_of,
-    spec_of,
-)
-from dynident.effects.effect import (
-    DRIVE_ROLES,
-    Column,
-    Effect,
-    EffectChoice,
-    Estimate,
-    ExperimentKind,
-    ParameterSpec,
-    Refinement,
-    Role,
-    ShapeSpec,
-)
-from dynident.effects.operators import DAHL, STOP, TRAVEL, Operator
-from dynident.effects.prediction import DRIVE_PARAMETERS, ReferenceParameters, reference_size
-from dynident.effects.signals import MemorySignal, RunSignal, Signals
-from dynident.effects.sizes import Usual
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dynident.lazy import lazily
+
+if TYPE_CHECKING:
+    from dynident.effects.catalogue import (
+        CATALOGUE,
+        UnknownEffectError,
+        columns_of,
+        effect_by_id,
+        role_of,
+        spec_of,
+    )
+    from dynident.effects.choices import DEFAULT_EFFECTS, JOINT_FRICTION, LINKS, OFFSETS, EffectChoice, load_in
+    from dynident.effects.effect import (
+        DRIVE_ROLES,
+        Column,
+        Effect,
+        Estimate,
+        ExperimentKind,
+        ParameterSpec,
+        Refinement,
+        Role,
+        ShapeSpec,
+    )
+    from dynident.effects.operators import DAHL, STOP, TRAVEL, Operator
+    from dynident.effects.prediction import DRIVE_PARAMETERS, ReferenceParameters, reference_size
+    from dynident.effects.signals import MemorySignal, RunSignal, Signals
+    from dynident.effects.sizes import Usual
 
 __all__ = [
     "CATALOGUE",
@@ -64,3 +66,7 @@ __all__ = [
     "role_of",
     "spec_of",
 ]
+
+if not TYPE_CHECKING:
+    # Which effects there are to be chosen is declared in this room, too: who asks for some does not wait for them.
+    __getattr__ = lazily(__name__)

@@ -9,9 +9,10 @@ from functools import cached_property
 
 import casadi as ca
 
+from dynident.effects.choices import EffectChoice
 from dynident.effects.disturbances import BaseVibration, ExternalContact, Payload
 from dynident.effects.drive import DriveGainError, DriveGainSaturation, RotorCoupling, TorqueDelay
-from dynident.effects.effect import Column, Effect, EffectChoice, ParameterSpec, Role, ShapeSpec
+from dynident.effects.effect import Column, Effect, ParameterSpec, Role, ShapeSpec
 from dynident.effects.friction import (
     Coulomb,
     CoulombAsymmetric,
@@ -102,19 +103,6 @@ class Catalogue(Mapping[str, Effect]):
 
 
 CATALOGUE = Catalogue()
-
-DEFAULT_EFFECTS: tuple[EffectChoice, ...] = tuple(
-    EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous")
-)
-"""Every robot has them."""
-LINKS, OFFSETS = EffectChoice("rigid_body"), EffectChoice("offset")
-JOINT_FRICTION: tuple[EffectChoice, ...] = (EffectChoice("coulomb"), EffectChoice("viscous"), OFFSETS)
-"""What one joint's torque consists of where it moves alone and at constant speed."""
-
-
-def load_in(run: str) -> EffectChoice:
-    """What the tool carries in the run with that label alone."""
-    return EffectChoice("payload", runs=(run,))
 
 
 class UnknownEffectError(DynidentError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar, Literal
 
@@ -187,31 +187,6 @@ class Column:
     def key(self) -> tuple[str, str, tuple[tuple[str, float], ...], tuple[str, ...]]:
         """What tells two columns of one robot apart."""
         return (self.effect, self.name, self.shape, self.runs)
-
-
-@dataclass(frozen=True)
-class EffectChoice:
-    """An effect that somebody chose, on some joints (all that it may sit on where empty), with shape constants.
-
-    `runs` are the labels of the runs that it is in; it is in all of them where there are none.
-    """
-
-    effect: str
-    joints: tuple[str, ...] = ()
-    shape: tuple[tuple[str, float], ...] = field(default=())
-    runs: tuple[str, ...] = field(default=())
-
-    def __repr__(self) -> str:
-        # Kinds have their words in the catalogue, which is made of effects.
-        from dynident.effects.written import effect_text
-
-        runs = f", runs={self.runs!r}" if self.runs else ""
-        return f"EffectChoice({effect_text(self)}{runs})"
-
-    @property
-    def shape_values(self) -> dict[str, float]:
-        """The chosen shape constants by name."""
-        return dict(self.shape)
 
 
 class Effect(ABC):

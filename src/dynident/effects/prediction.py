@@ -51,6 +51,11 @@ class ReferenceParameters:
         return cls(inertias, nothing, nothing, nothing, nothing)
 
     @classmethod
+    def nothing(cls, robot: Robot) -> ReferenceParameters:
+        """Of a model whose columns predict no torque: links without mass."""
+        return cls.of_links(np.zeros((robot.tree.n, 10)), robot.n)
+
+    @classmethod
     def of_vector(cls, vector: FloatArray, robot: Robot) -> ReferenceParameters:
         """Take a vector (10 N + 4 n,) apart, or one (10 N,) of links alone.
 

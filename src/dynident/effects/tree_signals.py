@@ -10,6 +10,7 @@ import casadi as ca
 
 from dynident.effects.effect import Column
 from dynident.effects.linked import TreeMotion
+from dynident.effects.prediction import DRIVE_PARAMETERS
 from dynident.effects.signals import MemorySignal, RunSignal, Signals
 from dynident.expressions.angles import turned
 
@@ -29,12 +30,13 @@ class TreeSignals(Signals):
         super().__init__(linkage.tree)
         self._owner = owner
         self.time, self.period = owner.time, owner.period
-        n, count = owner.robot.n, linkage.tree.n
+        count = linkage.tree.n
         movers = [min(linkage.movers(j), default=0) for j in range(count)]
         self.temperature = owner.temperature[movers]
-        drives = ca.SX(count, 4)
-        drives[list(linkage.driven), :] = ca.reshape(owner.reference[10 * count :], n, 4)
-        self.reference = ca.vertcat(owner.reference[: 10 * count], ca.vec(drives))
+        told = owner.predicted
+        drives = ca.SX(count, len(DRIVE_PARAMETERS))
+        drives[list(linkage.driven), :] = ca.horzcat(*(told.drive(name) for _, name in DRIVE_PARAMETERS))
+        self.reference = ca.vertcat(told.inertia, ca.vec(drives))
         self.motion = TreeMotion(linkage, (owner.q, owner.dq, owner.ddq, owner.dddq, owner.ddddq))
         # Where `Robot.positions` has the joints.
         places = [*linkage.driven, *linkage.passive]

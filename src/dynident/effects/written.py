@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from dynident.effects.catalogue import CATALOGUE, DEFAULT_EFFECTS
-from dynident.effects.effect import EffectChoice
+from dynident.effects.catalogue import CATALOGUE
+from dynident.effects.choices import DEFAULT_EFFECTS, EffectChoice
 from dynident.errors import DynidentError
 
 _TITLE = "Unusable effect"

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from dynident.asking import Choice, OneOf, said
+from dynident.effects.choices import DEFAULT_EFFECTS, JOINT_FRICTION, EffectChoice
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.observation.row_names import ROW_MODELS, RowModelName
 from dynident.motion.surroundings.stated import Surroundings
 from dynident.robot.stated import Limits
-
-if TYPE_CHECKING:
-    from dynident.effects import EffectChoice
 
 Kind = Literal["optimized", "random", "sequential", "constant_velocity", "slow_sweep", "reversals"]
 DESIGN_KINDS = OneOf(
@@ -112,8 +110,6 @@ class DesignRequest:
         """The effects, with the default of the kind."""
         if self.effects is not None:
             return self.effects
-        from dynident.effects import DEFAULT_EFFECTS, JOINT_FRICTION
-
         return JOINT_FRICTION if self.kind in JOINT_BY_JOINT else DEFAULT_EFFECTS
 
     @property

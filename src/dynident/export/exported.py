@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import Role, effect_by_id
+from dynident.effects import ReferenceParameters, Role, effect_by_id
 from dynident.export.completion import Completion, complete
 from dynident.export.summary import effect_line
 from dynident.identification import Identification
@@ -79,9 +79,9 @@ class Links:
         q, dq, ddq = (rng.uniform(-size, size, (_STATES, robot.n)) for size in (1.0, 1.0, 3.0))
         if robot.linkage is not None and robot.linkage.closure is not None:
             q = robot.linkage.closure.postures(rng, _STATES)
-        entries = observation.evaluate(
-            q, dq, ddq, reference=np.zeros(10 * robot.tree.n), memory=np.zeros((_STATES, observation.n_memory))
-        )
+        nothing = ReferenceParameters.nothing(robot).vector
+        memory = np.zeros((_STATES, observation.n_memory))
+        entries = observation.evaluate(q, dq, ddq, reference=nothing, memory=memory)
         inertial = np.array([effect_by_id(column.effect).is_inertia for column in observation.columns])
         expected = observation.torque(entries, np.where(inertial, self.standard.values, 0.0))
         found = rigid_torque(robot, self.standard.inertias, q, dq, ddq, self.standard.rotors)

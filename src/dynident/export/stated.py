@@ -5,9 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from dynident.asking import said
+from dynident.asking import Choice, OneOf, said
 
 ExportFormat = Literal["json", "urdf", "mjcf", "c", "casadi"]
+FORMATS = OneOf(
+    Choice("json", "JSON"),
+    Choice("urdf", "URDF"),
+    Choice("mjcf", "MJCF"),
+    Choice("c", "C code"),
+    Choice("casadi", "CasADi"),
+)
 ENDINGS: dict[str, ExportFormat] = {
     ".json": "json",
     ".urdf": "urdf",
@@ -23,7 +30,7 @@ ENDINGS: dict[str, ExportFormat] = {
 class ExportChoices:
     """What a model is written as."""
 
-    format: ExportFormat = said("What the model is to be written as", default="json")
+    format: ExportFormat = said("What the model is to be written as", default="json", kinds=FORMATS)
     nearest: bool = said(
         "urdf, mjcf: where no bodies that can exist have the identified parameters, give the nearest that have, which "
         "changes the torque",

@@ -33,6 +33,7 @@ def kept(text: str, compiled: Callable[[], bytes]) -> bytes:
         code = compiled()
         with suppress(OSError):
             _write(path, code)
+            _tidied(folder)
     return code
 
 
@@ -74,13 +75,13 @@ def _folder(setting: str | None) -> Path | None:
         status = folder.stat()
         if hasattr(os, "geteuid") and (status.st_uid != os.geteuid() or status.st_mode & 0o022):
             return None
-        _tidy(folder)
     except OSError:
         return None
     return folder
 
 
-def _tidy(folder: Path) -> None:
+@cache
+def _tidied(folder: Path) -> None:
     """Remove what was not used for longest, down to half the room, where there is too much; once in a process."""
     found = []
     for path in folder.iterdir():

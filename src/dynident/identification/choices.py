@@ -7,6 +7,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Literal
 
 from dynident.asking import Choice, OneOf, check_ranges, said
+from dynident.effects.choices import DEFAULT_EFFECTS, EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification.asked import RowsAsked, Trust
 from dynident.identification.methods.bases import (
@@ -22,7 +23,6 @@ from dynident.identification.methods.bases import (
 from dynident.kinds import name_of
 
 if TYPE_CHECKING:
-    from dynident.effects import EffectChoice
     from dynident.estimation import CovarianceName
     from dynident.recordings import Preprocessing
 
@@ -54,12 +54,6 @@ USUAL_SHARE = 0.2
 _UNFIT = "Choices that do not fit"
 
 
-def _default_effects() -> tuple[EffectChoice, ...]:
-    from dynident.effects import DEFAULT_EFFECTS
-
-    return DEFAULT_EFFECTS
-
-
 def _tolerance() -> float:
     from dynident.regressors.base_parameters import DEFAULT_TOLERANCE
 
@@ -81,7 +75,7 @@ class IdentificationChoices:
     residuals is taken to be correlated (`estimation.statistics`).
     """
 
-    effects: tuple[EffectChoice, ...] = said("What acts on the joints", made_by=_default_effects, option="-")
+    effects: tuple[EffectChoice, ...] = said("What acts on the joints", default=DEFAULT_EFFECTS, option="-")
     model: ModelName = said("Rows of W", default="dynamic", kinds=MODELS)
     strategy: StrategyName = said("Parameters at a time", default="global", kinds=STRATEGIES)
     estimator: EstimatorName | Estimator = said("How χ is solved for", default="wls", kinds=ESTIMATORS)

@@ -65,9 +65,15 @@ class Cured:
 
 
 def import_cured(
-    robot: Robot, source: Path, destination: Path, metadata: RecordingMetadata, progress: Progress = silent
+    robot: Robot,
+    source: Path,
+    destination: Path,
+    metadata: RecordingMetadata,
+    progress: Progress = silent,
+    *,
+    most: int = MOST_CURES,
 ) -> Cured:
-    """As `import_for_robot`; what is refused with a cure is read again with it.
+    """As `import_for_robot`; what is refused with a cure is read again with it, `most` times; not at all with 0.
 
     A warning stays one: nothing is changed that could be used as it is.
 
@@ -82,7 +88,7 @@ def import_cured(
             recording, checks = import_for_robot(robot, source, destination, metadata, progress)
         except RecordingError as error:
             cure = next((one.apply for one in error.checks if one.status == "error" and one.apply is not None), None)
-            if cure is None or len(done) == MOST_CURES:
+            if cure is None or len(done) == most:
                 raise
             done.append(cure)
             metadata = cure.of(metadata)

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -30,7 +29,7 @@ def streamed_parquet(path: Path) -> pq.ParquetFile:
 def to_floats(column: pa.Array) -> FloatArray:
     """Give a column of float64 as a read-only array; missing values are NaN."""
     if column.null_count:
-        column = pc.fill_null(column, float("nan"))
+        column = column.fill_null(float("nan"))
     if not len(column):
         return np.empty(0)
     return np.frombuffer(column.buffers()[1], dtype=np.float64)[column.offset : column.offset + len(column)]

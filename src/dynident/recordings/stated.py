@@ -7,12 +7,18 @@ from dataclasses import dataclass, fields, replace
 from math import isfinite
 from typing import Any, Literal, TypedDict
 
-from dynident.asking import anew, said
+from dynident.asking import Choice, OneOf, anew, said
 from dynident.errors import DynidentError
 
 Windows = tuple[tuple[float, float], ...]
 Format = Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi"]
 Role = Literal["identification", "validation", "friction", "payload"]
+ROLES = OneOf(
+    Choice("identification", "identification"),
+    Choice("validation", "validation (held out)"),
+    Choice("friction", "friction"),
+    Choice("payload", "payload"),
+)
 Axis = Literal["q", "tau"]
 EffortKind = Literal[
     "motor_current",
@@ -24,6 +30,16 @@ EffortKind = Literal[
     "unknown",
 ]
 """What "effort" is: a motor's current or torque, a joint's torque, or one of those that are no measurement of it."""
+
+EFFORT_KINDS = OneOf(
+    Choice("motor_current", "current of the motors"),
+    Choice("motor_torque", "torque of the motors"),
+    Choice("joint_torque", "torque of the joints"),
+    Choice("gravity_compensated", "torque without gravity: no measurement"),
+    Choice("external", "external torque: no measurement"),
+    Choice("commanded", "commanded torque: no measurement"),
+    Choice("unknown", "not known"),
+)
 
 DELAY = "torque_delay"
 """Name of the check, and of the field, that is about the torque's delay against the positions."""
@@ -58,7 +74,9 @@ class RecordingMetadata:
     columns: Mapping[str, str] = said('Our name to the file\'s: {"q1": "shoulder_angle"}', made_by=dict)
     units: Mapping[str, str] = said('By kind of signal or by column: {"q": "deg"}; SI elsewhere', made_by=dict)
     role: Role | None = said(
-        "What it is for; friction: runs at constant velocity, a joint at a time; payload: with a load", default=None
+        "What it is for; friction: runs at constant velocity, a joint at a time; payload: with a load",
+        default=None,
+        kinds=ROLES,
     )
     windows: Windows = said("Seconds of t to use, [from, to]; [] for all", default=())
     payload: Mapping[str, Any] | None = said('The known load: {"mass": kg, "centre": [x, y, z] in m}', default=None)
@@ -77,7 +95,9 @@ class RecordingMetadata:
     )
     exclude: Windows = said("Seconds of t to leave out, [from, to]; [] for nothing", default=())
     effort_kind: EffortKind | None = said(
-        "What the torque or current columns hold; those that are no measurement are refused", default=None
+        "What the torque or current columns hold; those that are no measurement are refused",
+        default=None,
+        kinds=EFFORT_KINDS,
     )
 
     def __post_init__(self) -> None:

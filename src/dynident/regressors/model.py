@@ -84,48 +84,49 @@ class Model:
         description's are taken, since effects that reach beyond the base parameters (a tilted base) need a choice.
         Near is measured by how far a description is usually off; of rotors, which it does not know, anything is near.
         """
-        return self._inertial_solution(values)[: 10 * self.robot.tree.n]
+        return self._inertial_solution(values)[0]
 
-    def _inertial_solution(self, values: FloatArray) -> FloatArray:
+    def _inertial_solution(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Standard inertial parameters (10 N,) and, where all links are in the model, its rotors' inertias."""
+        none = np.zeros(0)
         rigid = [k for k, column in enumerate(self.columns) if role_of(column) == "link"]
-        nominal = np.zeros(10 * self.robot.tree.n)
-        if self.robot.inertias is not None:
-            nominal = self.robot.inertias.reshape(-1).astype(np.float64)
+        described = self.robot.inertias
+        links = np.zeros(10 * self.robot.tree.n) if described is None else described.reshape(-1).astype(np.float64)
         if not rigid:
-            return nominal
-        if len(rigid) != 10 * self.robot.tree.n:
-            full = np.zeros(10 * self.robot.tree.n)
+            return links, none
+        if len(rigid) != len(links):
+            full = np.zeros(len(links))
             for k, position in enumerate(self.base.kept):
                 column = self.columns[position]
                 if role_of(column) == "link":
                     full[self._standard_index(column)] = values[k]
-            return full
+            return full, none
         rotors = [k for k, column in enumerate(self.columns) if role_of(column) == "rotor"]
         inertial = [k for k, column in enumerate(self.kept) if effect_by_id(column.effect).is_inertia]
         everything = rigid + rotors
         grouping = self.base.grouping[np.ix_(inertial, everything)]
         seen = np.any(self.base.written[np.ix_(inertial, everything)], axis=1)
-        nominal = np.concatenate([nominal, np.zeros(len(rotors))])
+        nominal = np.concatenate([links, np.zeros(len(rotors))])
         of_rotors = usual_rotor_inertias(self.robot.tree)[[self._joint(k) for k in rotors]]
         scale = np.concatenate([usual_errors(self.robot.tree).reshape(-1), of_rotors])
         gap = values[inertial][seen] - grouping[seen] @ nominal
-        return np.asarray(nominal + scale * (np.linalg.pinv(grouping[seen] * scale, rcond=1e-9) @ gap))
+        found = nominal + scale * (np.linalg.pinv(grouping[seen] * scale, rcond=1e-9) @ gap)
+        return found[: len(links)], found[len(links) :]
 
     def reference(self, values: FloatArray) -> FloatArray:
         """What predicts torque (10 N + 4 n,): standard inertial parameters, then Ia, Fc, Fv and b of driven joints."""
-        names, links = self.robot.joint_names, 10 * self.robot.tree.n
-        inertial = self._inertial_solution(values)
+        names = self.robot.joint_names
+        links, inertias_of_rotors = self._inertial_solution(values)
         drives = np.zeros((len(DRIVE_ROLES), self.robot.n))
         rotors = [k for k, column in enumerate(self.columns) if role_of(column) == "rotor"]
-        for value, k in zip(inertial[links:], rotors, strict=False):
+        for value, k in zip(inertias_of_rotors, rotors, strict=False):
             if self.columns[k].link in names:
                 drives[0, names.index(self.columns[k].link)] = value
         for column, value in zip(self.kept, values, strict=True):
             row = _DRIVE_ROWS.get(role_of(column))
             if row is not None and column.link in names:
                 drives[row, names.index(column.link)] += value
-        return ReferenceParameters(inertial[:links].reshape(-1, 10), *drives).vector
+        return ReferenceParameters(links.reshape(-1, 10), *drives).vector
 
     def _joint(self, column: int) -> int:
         return self.robot.tree.joint_names.index(self.columns[column].link)

@@ -74,7 +74,7 @@ def robot_from_description(
     reader = _READERS.get(description.format)
     if reader is None:
         raise DynidentError(
-            f"Unknown format '{description.format}'; expected {listed(FORMATS)}.",
+            f"Unknown format '{description.format}'; expected {listed(FORMATS.names)}.",
             pointer="/description/format",
             title="Unusable robot description",
         )

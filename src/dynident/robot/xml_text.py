@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
-from xml.sax.saxutils import quoteattr
 
 from dynident.errors import DynidentError
 
@@ -86,7 +85,7 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
 def write(element: Element, indent: bool = False, depth: int = 0) -> str:
     """XML text of the element, on one line, or indented for people."""
     margin, end = ("  " * depth, "\n") if indent else ("", "")
-    attributes = "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())
+    attributes = _attributes(element)
     if not element.children:
         return f"{margin}<{element.tag}{attributes}/>{end}"
     inside = "".join(write(child, indent, depth + 1) for child in element.children)
@@ -107,11 +106,17 @@ def write_in_place(root: Element) -> str:
         nonlocal line
         parts.append("\n" * max(element.line - line, 0))
         line = max(element.line, line)
-        attributes = "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())
-        parts.append(f"<{element.tag}{attributes}>")
+        parts.append(f"<{element.tag}{_attributes(element)}>")
         for child in element.children:
             put(child)
         parts.append(f"</{element.tag}>")
 
     put(root)
     return "".join(parts)
+
+
+def _attributes(element: Element) -> str:
+    # Loaded by those who write: it brings along what speaks to the network.
+    from xml.sax.saxutils import quoteattr
+
+    return "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())

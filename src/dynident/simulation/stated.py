@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from dynident.asking import Choice, OneOf, said
+from dynident.effects.choices import DEFAULT_EFFECTS, LINKS
 
 if TYPE_CHECKING:
     from dynident.arrays import FloatArray
@@ -77,8 +78,6 @@ class Session:
 
 def usual_effects() -> tuple[ActingEffect, ...]:
     """What acts on every joint of every arm beside its links."""
-    from dynident.effects import DEFAULT_EFFECTS, LINKS
-
     return tuple(ActingEffect(choice.effect) for choice in DEFAULT_EFFECTS if choice.effect != LINKS.effect)
 
 

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import Column, Effect, EffectChoice, Signals, columns_of
+from dynident.effects import Column, Effect, EffectChoice, ReferenceParameters, Signals, columns_of
 from dynident.robot import Robot
 
 _COUNT = 30
@@ -78,17 +78,16 @@ def _known(signals: Signals) -> list[ca.SX]:
 
 def _values(signals: Signals, rng: np.random.Generator) -> list[FloatArray]:
     """One value for each of the signals beside q, dq, ddq; the predicted torque is that of the description."""
-    n = signals.robot.n
-    reference = np.ones(signals.reference.shape[0])
-    if signals.robot.inertias is not None:
-        reference[: 10 * n] = signals.robot.inertias.reshape(-1)
+    n, links, one = signals.robot.n, signals.robot.inertias, np.ones(signals.robot.n)
+    if links is None:
+        links = np.ones((signals.robot.tree.n, 10))
     return [
         rng.uniform(-20, 20, n),
         rng.uniform(-80, 80, n),
         rng.uniform(0, _SESSION, 1),
         np.array([1e-3]),
         rng.uniform(20, 45, n),
-        reference,
+        ReferenceParameters(links, one, one, one, one).vector,
         rng.uniform(-1, 1, signals.memory_symbols.shape[0]),
         np.ones(signals.run_symbols.shape[0]),
     ]

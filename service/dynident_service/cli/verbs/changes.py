@@ -54,5 +54,9 @@ def changes(
             progress=part(progress, 0.3, 1.0),
         )
         found = advise(examined)
-    document = plain(describe_diagnosis(found, robot.name))
-    telling.tell(result, "diagnosis", document, lambda console: shown.show_changes(console, found, robot))
+    telling.tell(
+        result,
+        "diagnosis",
+        lambda: plain(describe_diagnosis(found, robot.name)),
+        lambda console: shown.show_changes(console, found, robot),
+    )

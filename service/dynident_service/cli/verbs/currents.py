@@ -54,14 +54,13 @@ def currents(
             effects=chosen,
             progress=part(progress, 0.5, 1.0),
         )
-    document = plain(describe_currents(found))
     checked = (_unscaled(training), _unscaled(held_out)) if unknown else (training, held_out)
 
     def show(console: Console) -> None:
         shown.show_measurements(console, *checked)
         _show(console, found)
 
-    telling.tell(result, "parameters", document, show)
+    telling.tell(result, "parameters", lambda: plain(describe_currents(found)), show)
 
 
 def _unscaled(measurements: Sequence[Loaded]) -> list[Loaded]:

@@ -25,6 +25,10 @@ def essential(
     from dynident_service.models.common import plain
 
     found = essential_parameters(inputs.model_of(model), asked.request(EssentialChoices).ratio)
-    document = plain(describe_essential(found))
-    content = to_bytes(found.identification)
-    telling.tell(result, "model", document, lambda console: shown.show_essential(console, found), content)
+    telling.tell(
+        result,
+        "model",
+        lambda: plain(describe_essential(found)),
+        lambda console: shown.show_essential(console, found),
+        to_bytes(found.identification),
+    )

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated
 
 import typer
 
-from dynident.export.stated import ENDINGS, ExportChoices, ExportFormat
+from dynident.export.stated import ENDINGS, FORMATS, ExportChoices
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.options import Json, ModelArgument
-
-_FORMATS = ", ".join(get_args(ExportFormat))
 
 
 def export(
@@ -21,7 +19,7 @@ def export(
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="Where to write; named after the robot otherwise."),
     ] = None,
-    format: Annotated[str, typer.Option("--format", "-f", help=f"{_FORMATS}; by the ending of --out otherwise.")] = "",
+    format: Annotated[str, typer.Option("--format", "-f", help=f"{FORMATS.told()}; else by --out's ending.")] = "",
     as_json: Json = False,
 ) -> None:
     """Write a model for other programs: URDF, MJCF, C, CasADi, JSON."""

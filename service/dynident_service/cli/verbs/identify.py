@@ -63,11 +63,7 @@ def identify(
     from dynident.progress import part
     from dynident.recordings import preprocessing_from_request
     from dynident.verdict import verdict
-    from dynident_service.adapters.identifications import describe_identification
-    from dynident_service.adapters.measurements import show_checks
-    from dynident_service.adapters.verdicts import show_verdict
     from dynident_service.cli import inputs, parsing, shown, shown_verdicts, telling, terminal
-    from dynident_service.models.common import plain
 
     machine = inputs.robot_of(robot, reading)
     chosen = inputs.effects_of(beside.effects, machine) or DEFAULT_EFFECTS
@@ -93,20 +89,27 @@ def identify(
         tried = inputs.recordings_of(held_out)
         found = identify_model(machine, recordings, tried, choices, part(progress, 0.5, 1.0))
         judged = verdict(found, recordings, tried)
-    document = {
-        **plain(describe_identification(found, None)),
-        "verdict": plain(show_verdict(judged)),
-        "measurements": [
-            {"name": item.recording.name, "checks": [plain(check) for check in show_checks(item.checks)]}
-            for item in [*training, *held_out]
-        ],
-    }
+
+    def described() -> dict[str, object]:
+        from dynident_service.adapters.identifications import describe_identification
+        from dynident_service.adapters.measurements import show_checks
+        from dynident_service.adapters.verdicts import show_verdict
+        from dynident_service.models.common import plain
+
+        return {
+            **plain(describe_identification(found, None)),
+            "verdict": plain(show_verdict(judged)),
+            "measurements": [
+                {"name": item.recording.name, "checks": [plain(check) for check in show_checks(item.checks)]}
+                for item in [*training, *held_out]
+            ],
+        }
 
     def show(console: Console) -> None:
         shown.show_measurements(console, training, held_out)
         shown.show_identification(console, found)
         shown_verdicts.show_verdict(console, judged)
 
-    telling.tell(result, "model", document, show, to_bytes(found))
+    telling.tell(result, "model", described, show, to_bytes(found))
     if judged.stop is not None:
         raise typer.Exit(shown_verdicts.STOPPED)

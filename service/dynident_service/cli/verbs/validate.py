@@ -88,7 +88,10 @@ def validate(
         recordings, rest = inputs.recordings_of(tried), inputs.recordings_of(held_out)
         found = validating.run(identification, trial, recordings, rest, part(progress, 0.3, 1.0))
     telling.tell(
-        result, "result", plain(found), lambda console: shown_validations.show_validation(console, found, robot)
+        result,
+        "result",
+        lambda: plain(found),
+        lambda console: shown_validations.show_validation(console, found, robot),
     )
     if found.verdict == "fail":
         raise typer.Exit(1)

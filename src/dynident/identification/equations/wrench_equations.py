@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
+from dynident.effects import ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, Reduction
 from dynident.estimation.nuisance import without_nuisance
@@ -43,7 +42,7 @@ def wrench_equations(
             title="Not identifiable with this model",
         )
     # No column of the links rests on a predicted load.
-    nothing = np.zeros(10 * model.robot.tree.n)
+    nothing = ReferenceParameters.nothing(model.robot).vector
     reduction = reduce_form(found.form, plain, recordings, preprocessing, nothing, progress)
     if reduction.n_rows == 0:
         return reduction.combined(found.coordinates[:, found.n_extra :])

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, ReferenceParameters, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, Reduction, Solution, Statistics, errors, statistics, weighted
 from dynident.identification.equations.checks import check_recordings, check_temperature
@@ -102,11 +102,11 @@ def identify_currents(
     check_temperature(effects, recordings, validation)
     model = build_model(robot, effects)
     chosen = preprocessing or choose_preprocessing(recordings)
-    zeros = np.zeros(10 * robot.tree.n)
-    training = reduce_recordings(model.observation, recordings, chosen, zeros, part(progress, 0.0, 0.7))
+    nothing = ReferenceParameters.nothing(robot).vector
+    training = reduce_recordings(model.observation, recordings, chosen, nothing, part(progress, 0.0, 0.7))
     held_out = None
     if validation:
-        held_out = reduce_recordings(model.observation, validation, chosen, zeros, part(progress, 0.7, 0.95))
+        held_out = reduce_recordings(model.observation, validation, chosen, nothing, part(progress, 0.7, 0.95))
         held_out = scaled(held_out, 1.0 / gains)
     training = scaled(training, 1.0 / gains)
     rows = random_observation(model.observation, _STATES).reshape(_STATES, robot.n, model.n_parameters)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import DEFAULT_EFFECTS, OFFSETS, EffectChoice, effect_by_id, load_in, role_of
+from dynident.effects import DEFAULT_EFFECTS, OFFSETS, EffectChoice, ReferenceParameters, effect_by_id, load_in, role_of
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.equations.checks import check_recordings, check_reduction
@@ -130,7 +130,8 @@ def loaded_data(
     carried = [load_in(recording.name) for recording in loaded]
     model = build_model(robot, [*effects, *carried])
     chosen = preprocessing or choose_preprocessing(recordings)
-    reduction = reduce_recordings(model.observation, recordings, chosen, np.zeros(10 * robot.tree.n), progress)
+    nothing = ReferenceParameters.nothing(robot).vector
+    reduction = reduce_recordings(model.observation, recordings, chosen, nothing, progress)
     check_reduction(model, reduction)
     return LoadedData(model, reduction, tuple(loaded))
 

@@ -20,6 +20,7 @@ from dynident.identification.mistakes.swaps import Kind, Mistake, Motion
 from dynident.recordings.stated import DELAY, NO_MEASUREMENT, Axis, Revision
 from dynident.recordings.types import Check, ModelChecks, Recording
 from dynident.robot.model import Robot
+from dynident.threads import single_threaded
 
 _CHECK: dict[Kind, str] = {
     "torques swapped": "torque_order",
@@ -51,6 +52,7 @@ def checks_against(robot: Robot) -> ModelChecks:
     None where they say nothing.
     """
 
+    @single_threaded
     def looked_at(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
         # Once for all of them: it is read from the whole recording.
         whole = whole_motion_of(recording) if robot.n <= MOST_JOINTS else None

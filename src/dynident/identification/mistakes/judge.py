@@ -8,7 +8,15 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
-from dynident.effects import DEFAULT_EFFECTS, EffectChoice, Signals, columns_of, effect_by_id, role_of
+from dynident.effects import (
+    DEFAULT_EFFECTS,
+    EffectChoice,
+    ReferenceParameters,
+    Signals,
+    columns_of,
+    effect_by_id,
+    role_of,
+)
 from dynident.identification.mistakes.swaps import Kind, Motion
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
@@ -196,7 +204,8 @@ class Judge:
 
     def _evaluated(self, motion: Motion) -> _Rows:
         robot, c = self._robot, self.n_columns
-        reference, memory = np.zeros(10 * robot.tree.n), np.zeros((len(motion.q), self._observation.n_memory))
+        reference = ReferenceParameters.nothing(robot).vector
+        memory = np.zeros((len(motion.q), self._observation.n_memory))
         entries = self._observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
         moves = moves_of(motion)
         inner, of_joints = np.zeros((BLOCKS + 1, robot.n, c, c)), []

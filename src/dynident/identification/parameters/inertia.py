@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import effect_by_id
+from dynident.effects import ReferenceParameters, effect_by_id
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
@@ -68,7 +68,7 @@ def _unit_accelerations(observation: Observation, seed: int) -> FloatArray:
         np.tile(q, (n + 1, 1)),
         np.zeros_like(accelerations),
         accelerations,
-        reference=np.zeros(10 * observation.robot.tree.n),
+        reference=ReferenceParameters.nothing(observation.robot).vector,
         memory=np.zeros((len(accelerations), observation.n_memory)),
     ).reshape(n + 1, len(q), -1)
     # What does not depend on acceleration cancels.

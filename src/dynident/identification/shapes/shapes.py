@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.effects import Column, EffectChoice, ShapeSpec, Signals, columns_of, effect_by_id
-from dynident.effects.catalogue import joints_of
+from dynident.effects.catalogue import check_shape, joints_of
 from dynident.errors import DynidentError
 from dynident.estimation import noise_levels, ordinary, weighted_factor
 from dynident.identification.shapes.shape_settling import settled_shapes
@@ -38,6 +38,15 @@ def lacks_shape(choice: EffectChoice) -> bool:
     """Whether a choice leaves shape constants open that are to be found from the data."""
     effect = effect_by_id(choice.effect)
     return any(spec.name not in choice.shape_values and spec.proposal == "grid" for spec in effect.shapes)
+
+
+def check_choices(choices: Sequence[EffectChoice], robot: Robot) -> None:
+    """Raise `DynidentError`, which names the field, where an effect cannot sit there or lacks a shape constant."""
+    for index, choice in enumerate(choices):
+        pointer = f"/effects/{index}"
+        check_shape(choice, pointer)
+        joints_of(choice, robot, pointer)
+    check_shapes_given(choices)
 
 
 def check_shapes_given(choices: Sequence[EffectChoice]) -> None:

@@ -8,6 +8,7 @@ from dynident.arrays import FloatArray
 from dynident.estimation import Statistics, statistics
 from dynident.estimation.dependence import NEVER, CloseTogether, Dependence, HardlySeen, dependence
 from dynident.identification.study.result import Identification
+from dynident.threads import single_threaded
 
 MOST_SENTENCES = 10
 _MOST_PARTS = 5
@@ -23,6 +24,7 @@ class ParameterDependence:
     found: Dependence
 
 
+@single_threaded
 def parameter_dependence(identification: Identification, most: int = MOST_SENTENCES) -> ParameterDependence:
     """Say which parameters the motion determines only together; at most so many sentences."""
     names = tuple(column.name for column in identification.model.kept)

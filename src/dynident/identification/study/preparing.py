@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from dynident.arrays import FloatArray
-from dynident.effects import LINKS, EffectChoice, effect_by_id
+from dynident.effects import LINKS, EffectChoice, ReferenceParameters, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import weighted
 from dynident.identification.asked import Trust
@@ -42,15 +40,15 @@ def prepared(
     """
     plain = tuple(c for c in effects if not effect_by_id(c.effect).needs_load and not lacks_shape(c))
     if len(plain) == len(effects):
-        return effects, np.zeros(10 * robot.tree.n)
+        return effects, ReferenceParameters.nothing(robot).vector
     if not any(choice.effect == LINKS.effect for choice in plain):
         raise DynidentError(
             "effects that depend on the load or whose shape is to be found need rigid_body beside them",
             pointer="/effects",
         )
     first = build_model(robot, plain, tolerance=tolerance)
-    zeros = np.zeros(10 * robot.tree.n)
-    reduction = reduce_recordings(first.observation, recordings, preprocessing, zeros, part(progress, 0.0, 0.5))
+    nothing = ReferenceParameters.nothing(robot).vector
+    reduction = reduce_recordings(first.observation, recordings, preprocessing, nothing, part(progress, 0.0, 0.5))
     prior = prior_of(first, trust)
     check_reduction(first, reduction, prior)
     reference = first.reference(weighted(reduction, prior).values)

@@ -9,11 +9,12 @@ import { identificationForm } from "./identification_form.js";
 import { remember } from "./location.js";
 import { measurementForm, measurementsTable } from "./measurement_form.js";
 import { robotForm } from "./robot_form.js";
+import { choicesOf, fieldsOf } from "./schema.js";
 
 /** Three steps on one page; each opens once the one before it is done. */
 export async function beginPage(target, wanted, signal) {
   document.title = "New model: dynident";
-  const { items: robots } = await get("/robots", { limit: 100 }, signal);
+  const [{ items: robots }, description, metadata] = await Promise.all([get("/robots", { limit: 100 }, signal), fieldsOf("Description"), fieldsOf("MeasurementMetadata")]);
   const steps = { robot: h("div"), measurements: h("div"), identification: h("div") };
   const state = { robots, robot: robots.find((one) => one.id === wanted.robot) ?? robots[0] ?? null, measurements: [] };
   const forms = h("div");
@@ -40,7 +41,7 @@ export async function beginPage(target, wanted, signal) {
     if (robot !== state.robot || signal.aborted) return;
     state.form = await identificationForm(robot);
     state.gains = driveGainsPanel(robot, choose, signal);
-    put(steps.measurements, measurementsTable(state.measurements), measurementForm(robot, { forms, chosen: () => state.robot, onStored: stored, onRobot: choose, count: () => state.measurements.length, stored: () => state.measurements }), state.gains.element);
+    put(steps.measurements, measurementsTable(state.measurements), measurementForm(robot, { forms, metadata, chosen: () => state.robot, onStored: stored, onRobot: choose, count: () => state.measurements.length, stored: () => state.measurements }), state.gains.element);
     showIdentification();
   };
   const stored = (measurement) => {
@@ -57,7 +58,7 @@ export async function beginPage(target, wanted, signal) {
     if (state.form.element.isConnected) return;
     put(steps.identification, state.measurements.length ? state.form.element : h("p", { class: "note" }, "First upload a measurement."));
   };
-  const showRobots = () => put(steps.robot, robotChoice(state, choose), state.robot && pictureOf(state.robot, signal), robotForm(choose, robots.length === 0));
+  const showRobots = () => put(steps.robot, robotChoice(state, choose), state.robot && pictureOf(state.robot, signal), robotForm(choicesOf(description.format), choose, robots.length === 0));
 
   put(
     target,

@@ -1,7 +1,7 @@
 // The ranked effects of a diagnosis, each with its evidence and the figure that shows it.
 
 import { aboutEffect, placeOf, shapeInWords, titleOf } from "./catalogue.js";
-import { h, numeric, put, row, table } from "./dom.js";
+import { h, numeric, put, right, row, table } from "./dom.js";
 import { drawEvidence } from "./evidence.js";
 import { number, percent, pValue } from "./format.js";
 import { formula } from "./formula.js";
@@ -71,8 +71,4 @@ function fillEvidence(cell, model, one, signal) {
   drawEvidence(figure, model.diagnosis, one.rank, signal).catch((error) => {
     if (!signal.aborted) put(figure, h("p", { class: "note" }, error.message));
   });
-}
-
-function right(text) {
-  return { text, class: "n" };
 }

@@ -2,9 +2,9 @@
 
 import { get, post } from "./api.js";
 import { placeOf, titleOf } from "./catalogue.js";
-import { h, numeric, put, row, table } from "./dom.js";
+import { h, numeric, put, right, row, table } from "./dom.js";
 import { interval, number, pValue, percent } from "./format.js";
-import { problemBox, showInForm } from "./problem.js";
+import { pressed, problemBox, showInForm } from "./problem.js";
 
 const SETS = [["", "leave out"], ["before", "before"], ["after", "after"]];
 
@@ -41,13 +41,9 @@ export function changesForm(model, ask, signal) {
       put(said, h("p", { class: "box warning" }, "Choose at least one measurement before and one after."));
       return;
     }
-    submit.disabled = true;
-    try {
+    await pressed(submit, async () => {
       await ask({ identification_id: model.id, baseline_ids: before, measurement_ids: after });
-    } catch (error) {
-      if (!signal.aborted) showInForm(form, said, error);
-    }
-    submit.disabled = false;
+    }, (error) => showInForm(form, said, error), signal);
   }
 
   return h("details", { id: "changes-form", ontoggle: (event) => { if (event.target.open && !uses.size) fill(); } },
@@ -114,8 +110,4 @@ export function changeRows(model, one, first = []) {
 function said(model, one) {
   const others = one.equivalent.map((name) => titleOf(model.effects, name) ?? name).join(", ");
   return [one.evidence, others ? h("strong", {}, ` Not told apart by this data: ${others}.`) : null];
-}
-
-function right(text) {
-  return { text, class: "n" };
 }

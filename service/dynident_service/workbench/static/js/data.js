@@ -1,12 +1,12 @@
 // What a model was made from and what it was tried on.
 
-import { h, numeric, row, table } from "./dom.js";
+import { h, numeric, right, row, section, table } from "./dom.js";
 import { grouped, number, quantity } from "./format.js";
 import { address } from "./location.js";
 
 /** The measurements of the fit and the held-out ones, each a link to its signals, windows and checks. */
 export function dataSection(model) {
-  const head = ["measurement", "used for", { text: "samples", class: "n" }, { text: "sampling rate", class: "n" }, "windows of t", "checks"];
+  const head = ["measurement", "used for", right("samples"), right("sampling rate"), "windows of t", "checks"];
   const rows = model.measurements.map((one) => row([
     h("a", { href: address({ view: "recording", measurement: one.id }) }, one.name),
     one.heldOut ? "held out" : "fit",
@@ -15,10 +15,7 @@ export function dataSection(model) {
     one.windows.length ? one.windows.map(([from, to]) => `${number(from)} to ${number(to)} s`).join(", ") : "all of it",
     checksInWords(one.checks),
   ]));
-  return h(
-    "section",
-    { "aria-labelledby": "data-title" },
-    h("h2", { id: "data-title" }, "Data"),
+  return section("data", "Data",
     table("Measurements of this model", head, rows, { id: "data-table" }),
     h("p", { class: "note" }, "A measurement's page shows its signals, its windows and what its checks found. ",
       h("a", { href: address({ view: "new", robot: model.robot.id }) }, "Upload more of this robot, or identify anew")),

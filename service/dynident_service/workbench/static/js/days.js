@@ -3,7 +3,7 @@
 import { get, post } from "./api.js";
 import { changeRows } from "./changes.js";
 import { courseFigure } from "./courses.js";
-import { announce, h, put, table } from "./dom.js";
+import { announce, h, put, right, section, table } from "./dom.js";
 import { computed, progressBar } from "./jobs.js";
 import { problemBox, showInForm } from "./problem.js";
 
@@ -29,10 +29,7 @@ export function daysSection(model, signal) {
 
   const choices = daysForm(model, state, ask, said, signal);
   known().catch((error) => { if (!signal.aborted) put(said, problemBox(error)); });
-  return h(
-    "section",
-    { "aria-labelledby": "days-title" },
-    h("h2", { id: "days-title" }, "Over the days"),
+  return section("days", "Over the days",
     h("p", { class: "note" }, "The same robot recorded again and again: what is different, from which day on, and each parameter day by day."),
     choices,
     said,
@@ -121,8 +118,4 @@ function shown(model, series, signal) {
 function sinceWhen(one) {
   const span = one.earliest === one.latest ? "" : `, or any day from ${one.earliest} to ${one.latest}`;
   return `${one.since}${span}`;
-}
-
-function right(text) {
-  return { text, class: "n" };
 }

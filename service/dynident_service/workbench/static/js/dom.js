@@ -67,6 +67,16 @@ export function table(caption, head, rows, props = {}) {
   );
 }
 
+/** The head of a column of figures. */
+export function right(text) {
+  return { text, class: "n" };
+}
+
+/** A part of a page under its heading. */
+export function section(name, title, ...body) {
+  return h("section", { "aria-labelledby": `${name}-title` }, h("h2", { id: `${name}-title` }, title), body);
+}
+
 /** Words for those alone who have the page read to them. */
 export function unseen(words) {
   return h("span", { class: "unseen" }, words);

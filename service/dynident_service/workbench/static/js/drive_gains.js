@@ -1,10 +1,10 @@
 // Drive gains from runs without and with a load of known mass, and other loads weighed with them.
 
 import { get, post } from "./api.js";
-import { announce, field, h, numeric, put, row, select, table } from "./dom.js";
+import { announce, field, h, numeric, put, right, row, select, table } from "./dom.js";
 import { moment, number, quantity } from "./format.js";
 import { computed, progressBar } from "./jobs.js";
-import { clearForm, problemBox, showInForm } from "./problem.js";
+import { clearForm, pressed, problemBox, showInForm } from "./problem.js";
 
 const USES = [["", "leave out"], ["unloaded", "without the load"], ["loaded", "with the known load"], ["weigh", "weigh its load"], ["weigh_unloaded", "without, for weighing"]];
 
@@ -45,15 +45,13 @@ export function driveGainsPanel(robot, onRobot, signal) {
       put(said, h("p", { class: "complaint", role: "alert" }, "Choose at least one measurement without the load, and one of the same motion with it."));
       return;
     }
-    submit.disabled = true;
-    try {
+    await pressed(submit, async () => {
       await wait(await post("/drive_gains", body, { signal }));
       announce("The drive gains are there");
-    } catch (error) {
+    }, (error) => {
       put(result);
-      if (!signal.aborted) showInForm(form, said, error);
-    }
-    submit.disabled = false;
+      showInForm(form, said, error);
+    }, signal);
   };
   const wait = async (made) => {
     const bar = progressBar(made.job_id, "drive gains");
@@ -128,15 +126,11 @@ function takeOver(robot, gains, onRobot) {
   const said = h("div");
   const button = h("button", { type: "button", onclick: () => make() }, "Make a robot with these drive gains");
   const make = async () => {
-    button.disabled = true;
-    try {
+    await pressed(button, async () => {
       const drives = Object.fromEntries(gains.map((gain) => [gain.joint, { drive_gain: gain.drive_gain }]));
       onRobot(await post("/robots", { ...robot.request, meshes_of: robot.id, name: `${robot.name} with identified drive gains`.slice(0, 200), drives: { ...robot.request.drives, ...drives } }));
       announce("The robot with these drive gains is chosen");
-    } catch (error) {
-      put(said, problemBox(error));
-    }
-    button.disabled = false;
+    }, (error) => put(said, problemBox(error)));
   };
   return [h("p", { class: "actions" }, button, h("span", { class: "note" }, "Then upload the recordings for it: stored ones keep the gains that they were read with.")), said];
 }
@@ -144,8 +138,4 @@ function takeOver(robot, gains, onRobot) {
 /** "0, 0, 0.1" as numbers; what is no number is left for the service to complain of. */
 function numbersIn(text) {
   return text.split(/[,;\s]+/).filter(Boolean).map((one) => (Number.isNaN(Number(one)) ? one : Number(one)));
-}
-
-function right(text) {
-  return { text, class: "n" };
 }

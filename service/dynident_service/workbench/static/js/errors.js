@@ -1,6 +1,6 @@
 // The errors of a model, joint by joint.
 
-import { h, numeric, put, row, table } from "./dom.js";
+import { h, numeric, put, right, row, section, table } from "./dom.js";
 import { number, percent, quantity } from "./format.js";
 
 /** A table of errors that follows the diagnosis, for the noise floor, and the joint that is chosen. */
@@ -10,7 +10,7 @@ export function errorsSection(model) {
   model.addEventListener("diagnosis", show);
   model.addEventListener("joint", show);
   show();
-  return h("section", { "aria-labelledby": "errors-title" }, h("h2", { id: "errors-title" }, "Errors"), body);
+  return section("errors", "Errors", body);
 }
 
 function errorsTable(model) {
@@ -58,8 +58,4 @@ function totals(errors) {
 function floorOf(model, joint, rms, unit) {
   const floor = model.floorOf(joint);
   return [numeric(quantity(floor, unit), floor), numeric(floor && rms !== null ? `${number(rms / floor, 2)} ×` : "–")];
-}
-
-function right(text) {
-  return { text, class: "n" };
 }

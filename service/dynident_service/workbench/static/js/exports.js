@@ -3,29 +3,19 @@
 import { file } from "./api.js";
 import { announce, h, put } from "./dom.js";
 import { problemBox } from "./problem.js";
+import { formatLinks, save } from "./saving.js";
 
-const FORMATS = [["json", "JSON"], ["urdf", "URDF"], ["mjcf", "MJCF"], ["c", "C code"], ["casadi", "CasADi"]];
 const IMPOSSIBLE = "Not physically feasible";
 
-/** A link for each format; what there is to say is put into `said`. */
-export function exportLinks(model, said) {
-  return FORMATS.map(([format, text]) => {
-    const path = `/v1/identifications/${model.id}/export?format=${format}`;
-    // The address stands in the link for copying; a click says more than a download would.
-    const onclick = (event) => {
-      event.preventDefault();
-      take(path, said);
-    };
-    return h("a", { class: "button", href: path, onclick }, text);
-  });
+/** A link for each of the `formats`; what there is to say is put into `said`. */
+export function exportLinks(model, formats, said) {
+  return formatLinks(formats, (format) => `/v1/identifications/${model.id}/export?format=${format}`, (path) => take(path, said));
 }
 
 async function take(path, said) {
   try {
     const { content, name, notes } = await file(path);
-    const link = h("a", { href: URL.createObjectURL(content), download: name });
-    link.click();
-    URL.revokeObjectURL(link.href);
+    save(content, name);
     put(said, notes.length ? noteBox(name, notes) : null);
     announce(`${name} is saved`);
   } catch (error) {

@@ -1,7 +1,7 @@
 // Where a model fails: its residual over velocity, position and load; over any two signals; the diagnosis's map.
 
 import { get, lastAsked } from "./api.js";
-import { field, h, numeric, put, row, select, table } from "./dom.js";
+import { field, h, numeric, put, right, row, section, select, table } from "./dom.js";
 import { number, span } from "./format.js";
 import { heatMap } from "./heat_map.js";
 import { existingComparison } from "./model.js";
@@ -34,10 +34,7 @@ export function failureSection(model, signal) {
   const showSpots = () => put(spots, failureMap(model));
   model.addEventListener("diagnosis", showSpots);
   showSpots();
-  return h(
-    "section",
-    { "aria-labelledby": "fails-title" },
-    h("h2", { id: "fails-title" }, "Where it fails"),
+  return section("fails", "Where it fails",
     h("p", { class: "note" }, "A flat mean at zero shows nothing missing; the wash is the spread around the mean."),
     profiles,
     map,
@@ -79,7 +76,7 @@ function mapOfTwo(model, signal) {
 function failureMap(model) {
   const spots = model.diagnosis?.result?.failure_map ?? [];
   if (!spots.length) return null;
-  const head = ["joint", "over", "where", { text: "rms there", class: "n" }, { text: "times the joint's own rms", class: "n" }];
+  const head = ["joint", "over", "where", right("rms there"), right("times the joint's own rms")];
   const rows = spots.map((one) =>
     row([
       h("button", { type: "button", class: "plain", onclick: () => model.chooseJoint(one.joint) }, one.joint),

@@ -7,7 +7,7 @@ import { field, h, put, select } from "./dom.js";
 import { counted } from "./format.js";
 import { go } from "./location.js";
 import { methods } from "./methods.js";
-import { clearForm, showInForm } from "./problem.js";
+import { clearForm, pressed, showInForm } from "./problem.js";
 import { fieldsOf, optionsOf } from "./schema.js";
 
 const METHODS = ["model", "strategy", "steps", "estimator", "prior"];
@@ -53,7 +53,6 @@ export async function identificationForm(robot) {
       put(said, h("p", { class: "complaint", role: "alert" }, "A file is not stored yet: confirm it, or leave it out."));
       return;
     }
-    submit.disabled = true;
     const boxes = [...form.querySelectorAll("input[name=effect]:checked")];
     boxes.forEach((box, index) => {
       box.parentElement.dataset.pointer = `/effects/${index}`;
@@ -71,14 +70,11 @@ export async function identificationForm(robot) {
       prior: prior.control.value || null,
       ...saidBy(more),
     };
-    try {
+    await pressed(submit, async () => {
       const made = await post("/identifications", body);
       dispatchEvent(new Event("models-changed"));
       go({ identification: made.id });
-    } catch (error) {
-      showInForm(form, said, error);
-    }
-    submit.disabled = false;
+    }, (error) => showInForm(form, said, error));
   };
   const form = h(
     "form",

@@ -4,7 +4,11 @@ import { events, get, post, ProblemError } from "./api.js";
 import { h, put } from "./dom.js";
 import { percent } from "./format.js";
 
-const ENDED = new Set(["succeeded", "failed", "cancelled"]);
+/** Kinds of jobs that make models. */
+export const MODEL_JOBS = new Set(["identification", "extension", "removal"]);
+
+/** States that a job, and what it makes, stay in. */
+export const ENDED = new Set(["succeeded", "failed", "cancelled"]);
 const MOST_STREAMS = 3; // A browser opens six connections to a service; some are needed for the rest.
 const LOOK_AGAIN = 4000;
 const LATEST = 50;

@@ -1,7 +1,7 @@
 // The ladder of models: what was added at each rung, and the error falling, in total and on every joint.
 
 import { choiceInWords } from "./catalogue.js";
-import { h, numeric, put, row, table, unseen } from "./dom.js";
+import { h, numeric, put, right, row, table, unseen } from "./dom.js";
 import { number, percent } from "./format.js";
 import { totalsFigure } from "./ladder_figures.js";
 import { address } from "./location.js";
@@ -139,8 +139,4 @@ function jointTable(model, errors, kind) {
 
 function error(value) {
   return numeric(percent(value), value);
-}
-
-function right(text) {
-  return { text, class: "n" };
 }

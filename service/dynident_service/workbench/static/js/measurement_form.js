@@ -33,9 +33,9 @@ function standing({ phases }) {
   return phases ? `${phases.standing.map((share) => (100 * share).toFixed(0)).join(", ")} %` : "–";
 }
 
-/** Where recordings are dropped; a card appears for each. `forms` are kept when another robot is chosen: what was filled in stays. */
-export function measurementForm(robot, { forms, chosen, onStored, onRobot, count, stored = () => [] }) {
-  const hands = { chosen, onStored, onRobot };
+/** Where recordings are dropped; a card appears for each, with fields of the `metadata` that the contract has. `forms` are kept when another robot is chosen: what was filled in stays. */
+export function measurementForm(robot, { forms, metadata, chosen, onStored, onRobot, count, stored = () => [] }) {
+  const hands = { metadata, chosen, onStored, onRobot };
   const role = () => (count() + forms.childElementCount ? "validation" : "identification");
   const add = (files) => {
     for (const file of files) forms.append(fileCard({ file, role: role() }, hands));

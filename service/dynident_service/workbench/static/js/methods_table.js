@@ -1,6 +1,6 @@
 // All methods on the same data, in one table.
 
-import { h, numeric, row, table } from "./dom.js";
+import { h, numeric, right, row, table } from "./dom.js";
 import { number, percent } from "./format.js";
 
 /** Held-out error of each joint and method, and how far parameters and torque are from the first method's. */
@@ -27,8 +27,4 @@ export function methodsTable(model, result) {
       ? h("details", {}, h("summary", {}, `Methods that this data does not allow (${without.length})`), h("ul", {}, without.map((one) => h("li", {}, h("strong", {}, one.method), `: ${one.problem}`))))
       : null,
   ];
-}
-
-function right(text) {
-  return { text, class: "n" };
 }

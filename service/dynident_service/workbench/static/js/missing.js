@@ -5,12 +5,12 @@ import { addByHand } from "./add_effect.js";
 import { candidatesTable } from "./candidates.js";
 import { changesForm, changesTable } from "./changes.js";
 import { choiceInWords, placeOf, shapeInWords, titleOf } from "./catalogue.js";
-import { announce, h, put, row, table } from "./dom.js";
+import { announce, h, put, row, section, table } from "./dom.js";
 import { percent } from "./format.js";
 import { effectCards } from "./effect_cards.js";
 import { computed, progressBar } from "./jobs.js";
 import { nextRung } from "./next_rung.js";
-import { problemBox, showInForm } from "./problem.js";
+import { pressed, problemBox, showInForm } from "./problem.js";
 
 const HEADLINES = {
   adequate: "Nothing is missing that this data could show",
@@ -26,18 +26,14 @@ export function missingSection(model, signal) {
   const add = (effects, from) => extend(model, effects, from ?? said, signal);
 
   async function run(diagnosis) {
-    button.disabled = true;
-    try {
+    await pressed(button, async () => {
       const bar = progressBar(diagnosis.job_id, "Diagnosing");
       put(said, bar.element);
       const found = await computed("/diagnoses", diagnosis, bar.update, signal);
       put(said);
       model.setDiagnosis(found);
       announce(`${HEADLINES[found.result.verdict]}. ${found.result.summary}`);
-    } catch (error) {
-      if (!signal.aborted) put(said, problemBox(error));
-    }
-    button.disabled = false;
+    }, (error) => put(said, problemBox(error)), signal);
   }
 
   async function diagnose() {
@@ -58,10 +54,7 @@ export function missingSection(model, signal) {
   };
   model.addEventListener("diagnosis", follow);
   follow();
-  return h(
-    "section",
-    { "aria-labelledby": "missing-title" },
-    h("h2", { id: "missing-title" }, "What is missing"),
+  return section("missing", "What is missing",
     h("p", { class: "actions" }, button, h("span", { class: "note" }, "holds every effect of the catalogue against what the model leaves unexplained")),
     said,
     body,

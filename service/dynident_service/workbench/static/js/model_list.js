@@ -4,12 +4,11 @@ import { get } from "./api.js";
 import { catalogue, titleOf } from "./catalogue.js";
 import { h, put } from "./dom.js";
 import { moment, percent } from "./format.js";
-import { onJobs } from "./jobs.js";
+import { MODEL_JOBS, onJobs } from "./jobs.js";
 import { address } from "./location.js";
 import { problemBox } from "./problem.js";
 
 const PART = 30;
-const MODEL_JOBS = new Set(["identification", "extension", "removal"]);
 
 export class ModelList {
   constructor(target) {

@@ -9,21 +9,20 @@ import { errorsSection } from "./errors.js";
 import { exportLinks } from "./exports.js";
 import { failureSection } from "./failure.js";
 import { counted, moment, number, percent, quantity } from "./format.js";
-import { computed, progressBar } from "./jobs.js";
+import { computed, ENDED, progressBar } from "./jobs.js";
 import { ladderSection, stepInWords } from "./ladder.js";
 import { takeNote } from "./location.js";
 import { methodInWords, methods } from "./methods.js";
 import { missingSection } from "./missing.js";
 import { Model, newestDiagnosis } from "./model.js";
 import { parametersSection } from "./parameters.js";
-import { problemBox } from "./problem.js";
+import { pressed, problemBox } from "./problem.js";
+import { save } from "./saving.js";
 import { spectraSection } from "./spectra.js";
 import { tabs } from "./tabs.js";
 import { torqueSection } from "./torque.js";
 import { newestValidations, validationsSection } from "./validations.js";
 import { verdictSection } from "./verdict.js";
-
-const ENDED = new Set(["succeeded", "failed", "cancelled"]);
 
 /** Show an identification; while it is being computed, how far it is. */
 export async function modelPage(target, wanted, signal) {
@@ -132,12 +131,11 @@ function warnings(result) {
 function actions(model, ways) {
   const said = h("div");
   const reports = [["html", "Report"], ["pdf", "Report as PDF"]].map(([format, words]) => h("button", { type: "button", onclick: (event) => makeReport(model, format, ways, event.target, said) }, words));
-  return [h("p", { class: "actions" }, reports, h("span", { class: "note" }, "Take the model along:"), exportLinks(model, said)), said];
+  return [h("p", { class: "actions" }, reports, h("span", { class: "note" }, "Take the model along:"), exportLinks(model, ways.exports, said)), said];
 }
 
 async function makeReport(model, format, ways, button, said) {
-  button.disabled = true;
-  try {
+  await pressed(button, async () => {
     const diagnosis = model.diagnosis?.status === "succeeded" ? model.diagnosis.id : null;
     const validations = await newestValidations(model, ways.validations);
     const made = await post("/reports", { identification_id: model.id, diagnosis_id: diagnosis, validation_ids: validations, format, name: nameOf(model) });
@@ -145,18 +143,9 @@ async function makeReport(model, format, ways, button, said) {
     put(said, bar.element);
     const { result } = await computed("/reports", made, bar.update);
     const open = apiKey.get()
-      ? h("button", { type: "button", onclick: () => save(result.href, `${model.id}.${format}`) }, "Save the report")
+      ? h("button", { type: "button", onclick: async () => save(await content(result.href), `${model.id}.${format}`) }, "Save the report")
       : h("a", { href: result.href, target: "_blank", rel: "noopener" }, "Open the report");
     put(said, h("p", {}, open, ` (${number(result.size / 1e6, 2)} MB, one ${format === "pdf" ? "PDF" : "HTML file"})`));
     announce("The report is written");
-  } catch (error) {
-    put(said, problemBox(error));
-  }
-  button.disabled = false;
-}
-
-async function save(path, name) {
-  const link = h("a", { href: URL.createObjectURL(await content(path)), download: name });
-  link.click();
-  URL.revokeObjectURL(link.href);
+  }, (error) => put(said, problemBox(error)));
 }

@@ -2,9 +2,9 @@
 
 import { get } from "./api.js";
 import { kindInWords, placeOf, titleOf } from "./catalogue.js";
-import { h, numeric, put, row, table } from "./dom.js";
+import { h, numeric, put, right, row, table } from "./dom.js";
 import { number, percent } from "./format.js";
-import { problemBox } from "./problem.js";
+import { pressed, problemBox } from "./problem.js";
 
 /** All parameters, by effect. */
 export function parametersSection(model, signal) {
@@ -102,13 +102,9 @@ function essentialPart(model, signal) {
   const found = h("div", { id: "essential" });
   const button = h("button", { type: "button", onclick: () => find() }, "Essential parameters");
   const find = async () => {
-    button.disabled = true;
-    try {
+    await pressed(button, async () => {
       put(found, essentialFound(model, await get(`/identifications/${model.id}/essential`, {}, signal)));
-    } catch (error) {
-      if (!signal.aborted) put(found, problemBox(error));
-    }
-    button.disabled = false;
+    }, (error) => put(found, problemBox(error)), signal);
   };
   return [h("p", { class: "actions" }, button, h("span", { class: "note" }, "takes out what the data do not show, one by one, and shows the errors along the way")), found];
 }
@@ -124,8 +120,4 @@ function essentialFound(model, path) {
     rows.length ? table("Backward elimination", head, rows) : null,
     parametersTable(model, "Essential parameters", path.parameters),
   ];
-}
-
-function right(text) {
-  return { text, class: "n" };
 }

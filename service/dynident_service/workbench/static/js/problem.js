@@ -46,6 +46,17 @@ export function clearForm(form, target) {
   put(target);
 }
 
+/** Do what a button is for, which cannot be pressed meanwhile; `fail` is told what went wrong, unless nobody waits any more. */
+export async function pressed(button, work, fail, signal = null) {
+  button.disabled = true;
+  try {
+    await work();
+  } catch (error) {
+    if (!signal?.aborted) fail(error);
+  }
+  button.disabled = false;
+}
+
 function summary(error) {
   return { title: error.title, message: error.message };
 }

@@ -3,22 +3,16 @@
 import { post } from "./api.js";
 import { field, h, put, select } from "./dom.js";
 import { dropZone } from "./drop_zone.js";
-import { clearForm, showInForm } from "./problem.js";
+import { clearForm, pressed, showInForm } from "./problem.js";
 import { factsIn, gainFields, placeFields } from "./recordings/robot_facts.js";
 
-const FORMATS = [
-  ["urdf", "URDF"],
-  ["mjcf", "MJCF"],
-  ["dh", "Denavit-Hartenberg table, classical or modified (text)"],
-  ["modified_dh", "modified Denavit-Hartenberg table (JSON)"],
-];
 const MOVING = new Set(["revolute", "continuous", "prismatic"]);
 
-/** A form that makes a robot; `onMade` is given it. */
-export function robotForm(onMade, open) {
+/** A form that makes a robot from a description in one of the `formats`; `onMade` is given it. */
+export function robotForm(formats, onMade, open) {
   const name = h("input", { name: "name", id: "robot-name", required: true, maxlength: 200 });
   const content = h("textarea", { id: "robot-description", rows: 8, required: true, spellcheck: "false", oninput: () => described() });
-  const format = select(FORMATS, "urdf", () => described(), { id: "robot-format" });
+  const format = select(formats, "urdf", () => described(), { id: "robot-format" });
   const gains = h("div");
   const places = h("details", { hidden: true }, h("summary", {}, "Joints are locked, or the base is not upright"));
   const said = h("div");
@@ -44,14 +38,10 @@ export function robotForm(onMade, open) {
   const send = async (event) => {
     event.preventDefault();
     clearForm(form, said);
-    submit.disabled = true;
-    try {
+    await pressed(submit, async () => {
       const description = { format: format.value, content: content.value };
       onMade(await post("/robots", { name: name.value, description, ...factsIn(form) }));
-    } catch (error) {
-      showInForm(form, said, error);
-    }
-    submit.disabled = false;
+    }, (error) => showInForm(form, said, error));
   };
   const form = h(
     "form",

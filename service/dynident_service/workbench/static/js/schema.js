@@ -9,6 +9,17 @@ export async function fieldsOf(body) {
   return (await schemas())[body].properties;
 }
 
+/** What a field is one of: [name, what people call it] of each. */
+export function choicesOf(field) {
+  return field["x-choices"].map((one) => [one.name, one.label]);
+}
+
+/** The same of a parameter in the query of an address that is read. */
+export async function choicesOfQuery(path, name) {
+  const { parameters } = (await contract()).paths[path].get;
+  return choicesOf(parameters.find((one) => one.name === name).schema);
+}
+
 /** Of a field that takes a name or an object with options: the fields of these, by the name; not of names without. */
 export async function optionsOf(body, id) {
   const all = await schemas();
@@ -17,9 +28,13 @@ export async function optionsOf(body, id) {
 }
 
 async function schemas() {
+  return (await contract()).components.schemas;
+}
+
+async function contract() {
   reading ??= whole("/openapi.json").catch((error) => {
     reading = null;
     throw error;
   });
-  return (await reading).components.schemas;
+  return reading;
 }

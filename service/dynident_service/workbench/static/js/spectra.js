@@ -1,7 +1,7 @@
 // Spectra of a joint's residual, over time and over its own angle, and its autocorrelation.
 
 import { get, lastAsked } from "./api.js";
-import { h, put } from "./dom.js";
+import { h, put, section } from "./dom.js";
 import { number, quantity } from "./format.js";
 import { axis, colour, onColours, plot } from "./plots.js";
 
@@ -25,10 +25,7 @@ export function spectraSection(model, signal) {
   };
   model.addEventListener("comparison", draw);
   model.addEventListener("joint", draw);
-  return h(
-    "section",
-    { "aria-labelledby": "spectra-title" },
-    h("h2", { id: "spectra-title" }, "Spectra of the residual"),
+  return section("spectra", "Spectra of the residual",
     h("p", { class: "note" }, "A line over time is vibration; a line over the joint's position comes from its gears or its motor. A residual that remembers is not noise."),
     figures,
   );

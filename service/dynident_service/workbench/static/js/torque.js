@@ -1,7 +1,7 @@
 // Measured against predicted torque of all joints on the chosen measurement, and the worst stretches.
 
 import { CompareStack } from "./compare/stack.js";
-import { field, h, numeric, put, row, select, table } from "./dom.js";
+import { field, h, numeric, put, row, section, select, table } from "./dom.js";
 import { number, percent, positionUnit, quantity } from "./format.js";
 import { computed, progressBar } from "./jobs.js";
 import { address, remember } from "./location.js";
@@ -58,10 +58,7 @@ export function torqueSection(model, signal) {
   });
   showJoints();
   compare();
-  return h(
-    "section",
-    { "aria-labelledby": "torque-title" },
-    h("h2", { id: "torque-title" }, "Measured against predicted torque"),
+  return section("torque", "Measured against predicted torque",
     h("div", { class: "bar-of-fields" }, field("Measurement", measurement), source, joints),
     body,
   );

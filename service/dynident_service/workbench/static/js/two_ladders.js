@@ -2,7 +2,7 @@
 
 import { get, lastAsked } from "./api.js";
 import { choiceInWords } from "./catalogue.js";
-import { field, h, numeric, put, row, select, svg, table } from "./dom.js";
+import { field, h, numeric, put, right, row, select, svg, table } from "./dom.js";
 import { moment, number, percent } from "./format.js";
 import { grid, marker, ticksUpTo } from "./ladder_figures.js";
 import { address } from "./location.js";
@@ -96,7 +96,7 @@ function both(own, other, heldOut) {
 }
 
 function differences(model, found, kind) {
-  const head = ["model", "this ladder", "the other", { text: "difference (points)", class: "n" }, ...model.joints.map((joint) => ({ text: joint, class: "n" }))];
+  const head = ["model", "this ladder", "the other", right("difference (points)"), ...model.joints.map((joint) => ({ text: joint, class: "n" }))];
   const rows = found.differences.map((one, k) => {
     const link = (rung) => (rung ? (rung.part_of ? changeOf(model, rung) : h("a", { href: address({ identification: rung.id, tab: "missing" }) }, changeOf(model, rung))) : "–");
     const total = one[`${kind}_total`];

@@ -1,11 +1,11 @@
 // Is the model to be trusted: the validations of the chapter, each with its verdict and the reason.
 
 import { get, post } from "./api.js";
-import { announce, h, numeric, put, row, table } from "./dom.js";
+import { announce, h, numeric, put, right, row, section, table } from "./dom.js";
 import { number, percent, quantity } from "./format.js";
 import { computed, progressBar } from "./jobs.js";
 import { methodsTable } from "./methods_table.js";
-import { problemBox } from "./problem.js";
+import { pressed, problemBox } from "./problem.js";
 
 const WORDS = { pass: "✓ pass", fail: "✕ fail", not_evaluated: "– not evaluated" };
 
@@ -19,10 +19,7 @@ export function validationsSection(model, kinds, signal) {
     run.disabled = false;
   };
   known(model, lines, signal);
-  return h(
-    "section",
-    { "aria-labelledby": "validations-title" },
-    h("h2", { id: "validations-title" }, "Is it to be trusted"),
+  return section("validations", "Is it to be trusted",
     h("p", { class: "actions" }, run, h("span", { class: "note" }, "makes all but the last of these, one after another")),
     h("ul", { class: "verdicts" }, [...lines.values()].map((line) => line.element)),
   );
@@ -67,22 +64,17 @@ function lineOf(model, { name: kind, label, words: about }, signal) {
     announce(`${name}: ${WORDS[found.result.verdict]}. ${found.result.reason}`);
   };
   const validate = async () => {
-    button.disabled = true;
-    try {
+    await pressed(button, async () => {
       const body = { identification_id: model.id, kind };
       if (kind === "payload") {
         body.measurement_ids = await loads(model, signal);
         if (!body.measurement_ids.length) {
           put(said, h("p", { class: "note" }, "There is no measurement whose role is payload. Record the motion of the identification with a load, and upload it with what the load weighs."));
-          button.disabled = false;
           return;
         }
       }
       await wait(await post("/validations", body, { signal }));
-    } catch (error) {
-      if (!signal.aborted) put(said, problemBox(error));
-    }
-    button.disabled = false;
+    }, (error) => put(said, problemBox(error)), signal);
   };
   return { element, validate, show, wait };
 }
@@ -102,7 +94,7 @@ async function known(model, lines, signal) {
 }
 
 function drawnTable(drawn) {
-  const head = ["parameter", "unit", { text: "told", class: "n" }, { text: "drawn", class: "n" }, { text: "ratio", class: "n" }, { text: "expected", class: "n" }, ""];
+  const head = ["parameter", "unit", right("told"), right("drawn"), right("ratio"), right("expected"), ""];
   const rows = drawn.parameters.map((one) =>
     row([
       h("code", {}, one.name),
@@ -137,7 +129,7 @@ function shares(errors) {
 }
 
 function heads(model) {
-  return [...model.joints, "all joints"].map((text) => ({ text, class: "n" }));
+  return [...model.joints, "all joints"].map(right);
 }
 
 function errorsTable(model, result) {
@@ -155,7 +147,7 @@ function simulationsTable(model, result) {
 
 function postureTable(result) {
   const rows = Object.entries(result.worst_posture).map(([joint, value]) => row([joint, numeric(number(value, 3), value)]));
-  return folded(`The worst of ${result.postures_tried} postures`, table("Worst posture", ["joint", { text: "rad or m", class: "n" }], rows));
+  return folded(`The worst of ${result.postures_tried} postures`, table("Worst posture", ["joint", right("rad or m")], rows));
 }
 
 function filtersTable(filters) {
@@ -166,7 +158,7 @@ function filtersTable(filters) {
     const mark = [same(filters.used) ? "used" : null, same(filters.chosen) ? "smallest error" : null].filter(Boolean).join(", ");
     return row([cutoff(position), cutoff(torque), numeric(percent(one.error, 3), one.error), numeric(percent(one.bias, 3), one.bias), mark || one.problem || ""]);
   });
-  const head = ["position cut-off", "torque cut-off", { text: "parameter error", class: "n" }, { text: "bias", class: "n" }, ""];
+  const head = ["position cut-off", "torque cut-off", right("parameter error"), right("bias"), ""];
   return folded(`${rows.length} choices of filters`, table("What each choice of filters leaves in the parameters, as a share of the torque", head, rows));
 }
 

@@ -1,7 +1,7 @@
 // What a model is fit for, in a sentence, and the next thing to do about it.
 
 import { get } from "./api.js";
-import { h, put } from "./dom.js";
+import { h, put, section } from "./dom.js";
 import { problemBox } from "./problem.js";
 import { goToTab } from "./tabs.js";
 
@@ -22,7 +22,7 @@ export function verdictSection(model, signal) {
   };
   model.addEventListener("diagnosis", showNext);
   judge();
-  return h("section", { "aria-labelledby": "fitness-title" }, h("h2", { id: "fitness-title" }, "What it is fit for"), body, next);
+  return section("fitness", "What it is fit for", body, next);
 }
 
 function judged(found) {

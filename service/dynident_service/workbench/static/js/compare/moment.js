@@ -2,7 +2,7 @@
 
 import { get, lastAsked } from "../api.js";
 import { placeOf, shapeInWords, titleOf } from "../catalogue.js";
-import { announce, h, numeric, put, row, table } from "../dom.js";
+import { announce, h, numeric, put, right, row, table } from "../dom.js";
 import { number, percent, positionUnit, quantity } from "../format.js";
 import { explainedShare } from "./explained.js";
 
@@ -67,7 +67,7 @@ export class Moment {
     const rows = helpful.map(([one, share, variable]) =>
       row([titleOf(this.model.effects, one.effect), placeOf(this.model.effects, one, this.model.joints), shapeInWords(this.model.effects, one) || "–", variable, numeric(percent(share, 2), share), one.significant ? h("span", { class: "mark ok" }, "✓ significant") : "not significant"]),
     );
-    const head = ["effect", "where", "shape", "seen over", { text: "takes of this stretch", class: "n" }, "on held-out data"];
+    const head = ["effect", "where", "shape", "seen over", right("takes of this stretch"), "on held-out data"];
     put(target, table("Effects that would explain it", head, rows, { id: "explained" }), h("p", { class: "note" }, `Share of the residual's squares in this stretch that the effect's fitted curve takes.${whose}`));
   }
 }
@@ -90,7 +90,7 @@ function poseTable(model, lines, time) {
     const cell = (name, of) => numeric(quantity(values[name]?.[at] ?? null, of), values[name]?.[at] ?? "");
     return row([joint, cell("q", length), cell("dq", `${length}/s`), cell("load", unit), cell("measured", unit), cell("residual", unit)]);
   });
-  const head = ["joint", ...["position", "speed", "load of the rigid body", "measured", "residual"].map((text) => ({ text, class: "n" }))];
+  const head = ["joint", ...["position", "speed", "load of the rigid body", "measured", "residual"].map(right)];
   return table(`All joints at ${number(time, 4)} s`, head, rows, { id: "pose" });
 }
 

@@ -5,7 +5,7 @@ import { controls, said as saidBy, sorted } from "../asked.js";
 import { catalogue } from "../catalogue.js";
 import { field, h } from "../dom.js";
 import { go } from "../location.js";
-import { clearForm, showInForm } from "../problem.js";
+import { clearForm, pressed, showInForm } from "../problem.js";
 import { fieldsOf } from "../schema.js";
 import { limitsTable } from "./limits_table.js";
 import { purposeChoice } from "./purpose.js";
@@ -33,7 +33,6 @@ export async function designForm(robot, given) {
   const send = async (event) => {
     event.preventDefault();
     clearForm(form, said);
-    submit.disabled = true;
     const body = {
       ...given,
       robot_id: robot.id,
@@ -44,13 +43,10 @@ export async function designForm(robot, given) {
       trajectory: { ...given.trajectory, ...saidBy(moves) },
       ...saidBy(own),
     };
-    try {
+    await pressed(submit, async () => {
       const made = await post("/designs", body);
       go({ view: "design", robot: robot.id, design: made.id });
-    } catch (error) {
-      showInForm(form, said, error);
-    }
-    submit.disabled = false;
+    }, (error) => showInForm(form, said, error));
   };
   const form = h(
     "form",

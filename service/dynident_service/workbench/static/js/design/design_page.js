@@ -1,7 +1,7 @@
 // The view that designs an experiment: what is wanted, how the search goes, what it found.
 
 import { get } from "../api.js";
-import { announce, field, h, put, row, select, table } from "../dom.js";
+import { announce, field, h, put, right, row, select, table } from "../dom.js";
 import { moment, number } from "../format.js";
 import { computed, progressBar } from "../jobs.js";
 import { address, go } from "../location.js";
@@ -49,7 +49,6 @@ async function earlierDesigns(robot, signal) {
     { class: "n", text: number(one.result?.criterion_values.criterion) },
     { class: "n", text: number(one.result?.baseline_values?.criterion) },
   ]));
-  const right = (text) => ({ text, class: "n" });
   return h("section", { "aria-label": "Designs" }, h("h2", {}, "Designs that are there"), table("Designs of this robot", ["design", "date", "state", right("criterion"), right("best random")], rows, { id: "designs-table" }));
 }
 

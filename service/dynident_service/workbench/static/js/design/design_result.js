@@ -1,22 +1,24 @@
 // A design that is found: its worth, its motion with the arm, what it promises, and what to do with it.
 
 import { file, get } from "../api.js";
-import { announce, h, numeric, put, row, table } from "../dom.js";
+import { announce, h, numeric, put, right, row, table } from "../dom.js";
 import { grouped, number, percent, quantity } from "../format.js";
 import { positionUnit } from "../format.js";
 import { problemBox } from "../problem.js";
+import { formatLinks, save } from "../saving.js";
+import { choicesOfQuery } from "../schema.js";
 import { motionCurves } from "./curves.js";
 import { virtualRobot } from "./virtual.js";
 
 const MOST_POINTS = 1500;
 const SAME = 0.01; // share by which criteria differ that are as good as each other
-const FORMATS = [["csv", "CSV: t, q, dq, ddq"], ["parquet", "Parquet"], ["ros2", "ROS 2 JointTrajectory (YAML)"]];
 
 /** Put a design that succeeded into `target`. */
 export async function designResult(target, design, robot, signal) {
   const { result } = design;
+  const formats = await choicesOfQuery("/v1/designs/{design_id}/trajectory", "format");
   const motion = h("section", { "aria-label": "The motion" }, h("h2", {}, "The motion"), h("p", { class: "note" }, "Loading …"));
-  put(target, worth(result), take(design), virtualRobot(design, robot, signal), motion, promises(result), margins(result, robot));
+  put(target, worth(result), take(design, formats), virtualRobot(design, robot, signal), motion, promises(result), margins(result, robot));
   await showMotion(motion, design, robot, signal);
 }
 
@@ -39,21 +41,16 @@ function besides(ratio) {
   return ratio > 1 ? `${number(ratio, 3)} times better than` : `${number(1 / ratio, 3)} times worse than`;
 }
 
-function take(design) {
+function take(design, formats) {
   const said = h("div");
-  const links = FORMATS.map(([format, text]) => {
-    const path = `/v1/designs/${design.id}/trajectory?format=${format}`;
-    return h("a", { class: "button", href: path, "data-format": format, onclick: (event) => { event.preventDefault(); save(path, said); } }, text);
-  });
+  const links = formatLinks(formats, (format) => `/v1/designs/${design.id}/trajectory?format=${format}`, (path) => saveTrajectory(path, said));
   return h("section", { "aria-label": "For the controller" }, h("h2", {}, "For the controller"), h("p", { class: "actions" }, links), h("p", { class: "note" }, "Run it, record positions and torques or currents, then add the recording under New model."), said);
 }
 
-async function save(path, said) {
+async function saveTrajectory(path, said) {
   try {
     const { content, name } = await file(path);
-    const link = h("a", { href: URL.createObjectURL(content), download: name });
-    link.click();
-    URL.revokeObjectURL(link.href);
+    save(content, name);
     announce(`${name} is saved`);
   } catch (error) {
     put(said, problemBox(error));
@@ -83,7 +80,6 @@ async function showMotion(section, design, robot, signal) {
 function promises({ expected_parameters: expected }) {
   if (!expected.length) return null;
   const stated = expected.some((one) => one.standard_deviation !== null);
-  const right = (text) => ({ text, class: "n" });
   const rows = expected.map((one) => row([h("code", {}, one.name), one.link, one.effect.replaceAll("_", " "), numeric(quantity(one.standard_deviation, one.unit), one.standard_deviation), numeric(percent(one.share), one.share)]));
   return h("section", { "aria-label": "What it promises" }, h("h2", {}, "What it promises"),
     stated ? null : h("p", { class: "note" }, "Standard deviations need the noise of each joint's torque: state it in the table of limits and design once more."),
@@ -91,7 +87,6 @@ function promises({ expected_parameters: expected }) {
 }
 
 function margins({ margins: found }, robot) {
-  const right = (text) => ({ text, class: "n" });
   const rows = found.map((one) => row([one.joint, one.limit.replaceAll("_", " "), numeric(quantity(one.value, unitOf(one, robot)), one.value), numeric(quantity(one.bound, unitOf(one, robot)), one.bound), numeric(percent(one.share), one.share)]));
   return h("details", { id: "margins" }, h("summary", {}, `How near it comes to its limits and to itself (${found.length})`),
     table("Extremes of the motion beside their limits", ["where", "limit", right("extreme"), right("bound"), right("of the room")], rows));

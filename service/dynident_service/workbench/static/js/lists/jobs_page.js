@@ -3,13 +3,12 @@
 import { events } from "../api.js";
 import { h, put } from "../dom.js";
 import { moment, number, percent } from "../format.js";
-import { cancel, onJobs } from "../jobs.js";
+import { cancel, ENDED, onJobs } from "../jobs.js";
 import { address } from "../location.js";
 import { problemBox } from "../problem.js";
 import { readAll } from "./reading.js";
 import { sortable } from "./sortable.js";
 
-const ENDED = new Set(["succeeded", "failed", "cancelled"]);
 const LOOK_AGAIN = 2000;
 
 export async function page(target, _, signal) {

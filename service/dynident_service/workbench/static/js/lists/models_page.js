@@ -4,13 +4,13 @@ import { get } from "../api.js";
 import { catalogue, titleOf } from "../catalogue.js";
 import { h } from "../dom.js";
 import { moment, percent } from "../format.js";
+import { MODEL_JOBS } from "../jobs.js";
 import { address, go } from "../location.js";
 import { labelsButton, tagChips } from "./labels.js";
 import { pairSection } from "./pair.js";
 import { robotNames } from "./reading.js";
 import { resourcesPage } from "./resources.js";
 
-const MODEL_JOBS = new Set(["identification", "extension", "removal"]);
 const verdicts = new Map(); // model's id -> what was said of it; a model never changes
 
 /** The table of models, or with `pair` two of them side by side. */

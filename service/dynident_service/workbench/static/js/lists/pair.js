@@ -2,7 +2,7 @@
 
 import { get } from "../api.js";
 import { catalogue, choiceInWords } from "../catalogue.js";
-import { h, numeric, put, row, table } from "../dom.js";
+import { h, numeric, put, right, row, table } from "../dom.js";
 import { exportLinks } from "../exports.js";
 import { interval, moment, number, percent, quantity } from "../format.js";
 import { address } from "../location.js";
@@ -23,7 +23,7 @@ export async function pairSection(target, ids, signal) {
     put(target, head, h("div", { class: "box warning" }, "Two models that are done are needed: choose them in the list of all models."));
     return;
   }
-  put(target, head, settings(models, robots, names, effects, ways), errors(models, names), parameters(models, names), exported(models, names));
+  put(target, head, settings(models, robots, names, effects, ways), errors(models, names), parameters(models, names), exported(models, names, ways));
 }
 
 function settings(models, robots, names, effects, ways) {
@@ -57,7 +57,6 @@ function errors(models, names) {
     const four = ["validation", "residual"].map((kind) => models.map((one) => value(one, kind)));
     return row([name, ...four.flatMap(([one, other]) => [numeric(percent(one), one), numeric(percent(other), other), { class: "n", text: change(one, other) }])], name === "all joints" ? { class: "total" } : {});
   });
-  const right = (text) => ({ text, class: "n" });
   const head = ["joint", ...["held out", "fit"].flatMap((kind) => [right(`${names[0]}, ${kind}`), right(`${names[1]}, ${kind}`), right("second over first")])];
   return part("Errors", table("Relative errors by joint", head, rows, { id: "pair-errors" }));
 }
@@ -75,7 +74,6 @@ function parameters(models, names) {
     const cells = [one, other].flatMap((own) => [own ? numeric(number(own.value), own.value) : { class: "n", text: "not in it" }, { class: "n", text: own ? interval(...own.interval, "") : "" }]);
     return row([h("code", {}, name), (one ?? other).unit, ...cells, numeric(number(distance, 2), distance)], differs(!one || !other || distance > 2));
   });
-  const right = (text) => ({ text, class: "n" });
   const head = ["parameter", "unit", ...names.flatMap((name) => [right(name), right("95 % interval")]), right("apart, σ")];
   return part("Parameters", h("p", { class: "note" }, "Marked: in one model only, or more than two standard deviations of both apart. A parameter may be grouped with others in one model and not in the other: then its value means something else."), table("Parameters with their 95 % intervals", head, rows, { id: "pair-parameters" }));
 }
@@ -86,10 +84,10 @@ function apart(one, other) {
   return spread ? Math.abs(one.value - other.value) / spread : null;
 }
 
-function exported(models, names) {
+function exported(models, names, ways) {
   return part("Exports", models.map((one, index) => {
     const said = h("div");
-    return [h("p", { class: "actions" }, h("strong", {}, names[index]), exportLinks(one, said)), said];
+    return [h("p", { class: "actions" }, h("strong", {}, names[index]), exportLinks(one, ways.exports, said)), said];
   }));
 }
 

@@ -6,19 +6,18 @@ import { announce, field, h, put, select } from "../dom.js";
 import { number, percent } from "../format.js";
 import { address } from "../location.js";
 import { clearForm, problemBox, showInForm } from "../problem.js";
+import { choicesOf } from "../schema.js";
 import { ColumnsTable } from "./columns_table.js";
 import { editInWords, withEdit } from "./edits.js";
 import { Guesses } from "./guesses.js";
 import { revise } from "./revise.js";
 import { drivesOf, placesOf } from "./robot_facts.js";
 
-const ROLES = [["identification", "identification"], ["validation", "validation (held out)"], ["friction", "friction"], ["payload", "payload"]];
-
 /** The form of one file, or of an import that is there already; it belongs to the robot that is `chosen()` when it is sent. */
-export function fileCard({ file = null, found = null, role }, { chosen, onStored, onRobot }) {
-  const fields = saidFields((found?.proposed.name ?? file.name).replace(/\.[^.]*$/, ""), role);
+export function fileCard({ file = null, found = null, role }, { metadata: known, chosen, onStored, onRobot }) {
+  const fields = saidFields((found?.proposed.name ?? file.name).replace(/\.[^.]*$/, ""), known, role);
   const columns = new ColumnsTable();
-  const guesses = new Guesses();
+  const guesses = new Guesses(choicesOf(known.effort_kind));
   const looked = h("div", { hidden: true });
   const robotsFacts = h("div");
   const said = h("div");
@@ -169,12 +168,12 @@ function forget(found) {
   ask("DELETE", `/imports/${found.id}`).catch(() => {});
 }
 
-/** What people say of a recording beside its columns. */
-function saidFields(called, role) {
+/** What people say of a recording beside its columns; `known` are the fields of the contract. */
+function saidFields(called, known, role) {
   const name = h("input", { name: "name", required: true, value: called, maxlength: 200 });
   const mass = h("input", { name: "mass", type: "number", step: "any", min: 0, placeholder: "2.5" });
   const load = field("Mass of the load (kg)", mass, { pointer: "/metadata/payload", hint: "What is known to be carried." });
-  const roles = select(ROLES, role, (value) => { load.hidden = value !== "payload"; }, { name: "role" });
+  const roles = select(choicesOf(known.role), role, (value) => { load.hidden = value !== "payload"; }, { name: "role" });
   load.hidden = role !== "payload";
   const windows = h("input", { name: "windows", placeholder: "all; or 2 to 10, 15 to 30" });
   const delay = h("input", { name: "delay", type: "number", step: "any", placeholder: "0" });

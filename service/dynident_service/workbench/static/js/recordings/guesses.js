@@ -19,20 +19,12 @@ const UNITS = {
   base_moment: ["N m", "mN m", "kN m", "N mm", "N cm"],
 };
 const SI_UNITS = new Set(["s", "rad", "m", "rad/s", "m/s", "rad/s^2", "m/s^2", "N m", "N", "A", "degC"]);
-const EFFORTS = [
-  ["joint_torque", "torque of the joints"],
-  ["motor_torque", "torque of the motors"],
-  ["motor_current", "current of the motors"],
-  ["gravity_compensated", "torque without gravity: no measurement"],
-  ["external", "external torque: no measurement"],
-  ["commanded", "commanded torque: no measurement"],
-  ["unknown", "not known"],
-];
 
-/** The guesses of a file as a list with its drop-downs. Fires "change". */
+/** The guesses of a file as a list with its drop-downs, `efforts` what a torque may be. Fires "change". */
 export class Guesses extends EventTarget {
-  constructor() {
+  constructor(efforts) {
     super();
+    this.efforts = efforts;
     this.element = h("div");
     this.unitsByHand = {};
     this.effortByHand = null;
@@ -98,7 +90,7 @@ export class Guesses extends EventTarget {
 
   #effortPicker(question) {
     const chosen = this.effortByHand ?? (question?.choices?.length ? "" : this.proposed.effort_kind);
-    const options = question?.choices?.length ? [["", "choose …"], ...EFFORTS.filter(([kind]) => kind !== "unknown")] : EFFORTS;
+    const options = question?.choices?.length ? [["", "choose …"], ...this.efforts.filter(([kind]) => kind !== "unknown")] : this.efforts;
     const picker = select(options, chosen, (kind) => {
       this.effortByHand = kind;
       this.dispatchEvent(new CustomEvent("effort", { detail: kind }));

@@ -3,7 +3,7 @@
 import { get } from "../api.js";
 import { checksInWords, checksTable } from "../checks.js";
 import { whyNoRaw } from "../compare/raw_torque.js";
-import { h, put, row, table } from "../dom.js";
+import { h, put, right, row, section, table } from "../dom.js";
 import { counted, moment, quantity } from "../format.js";
 import { address } from "../location.js";
 import { editInWords, stretchesInWords } from "./edits.js";
@@ -85,10 +85,7 @@ function signalsSection(measurement, robot, signal) {
     windows.add(kind, from, to);
   };
   const button = (text, kind) => h("button", { type: "button", class: "small", onclick: add(kind) }, text);
-  const element = h(
-    "section",
-    { "aria-labelledby": "signals-title" },
-    h("h2", { id: "signals-title" }, "Signals as recorded"),
+  const element = section("signals", "Signals as recorded",
     whyNoRaw(robot) && h("p", { class: "note" }, whyNoRaw(robot)),
     stack.element,
     h("h3", {}, "Windows"),
@@ -107,10 +104,7 @@ function checksSection(measurement) {
   const inWords = (edit) => editInWords(edit, measurement.joints);
   const cures = measurement.checks.filter((one) => one.apply);
   const hint = cures.length ? "Apply makes a revision of the recording, which can be undone; the file stays as it is." : "Nothing is known that would have to be changed.";
-  return h(
-    "section",
-    { "aria-labelledby": "checks-title" },
-    h("h2", { id: "checks-title" }, "Checks"),
+  return section("checks", "Checks",
     h("p", { class: "note" }, `${checksInWords(measurement.checks)}. ${hint}`),
     said,
     checksTable(measurement.checks, null, { onApply: apply, inWords }),
@@ -122,5 +116,5 @@ function standstill({ phases, joints }) {
   if (!phases) return null;
   const share = (value) => `${(100 * value).toFixed(1)} %`;
   const rows = joints.map((joint, index) => row([joint, { class: "n", text: share(phases.standing[index]) }, { class: "n", text: share(phases.reversing[index]) }]));
-  return table("Share of its time that each joint", ["joint", { text: "stands", class: "n" }, { text: "turns round", class: "n" }], rows, { class: "narrow" });
+  return table("Share of its time that each joint", ["joint", right("stands"), right("turns round")], rows, { class: "narrow" });
 }

@@ -1,0 +1,15 @@
+"""What the trajectory of a design can be had as."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from dynident.asking import Choice, OneOf
+
+TrajectoryFormat = Literal["csv", "parquet", "json", "ros2"]
+FORMATS = OneOf(
+    Choice("csv", "CSV: t, q, dq, ddq"),
+    Choice("parquet", "Parquet"),
+    Choice("json", "JSON"),
+    Choice("ros2", "ROS 2 JointTrajectory (YAML)"),
+)
