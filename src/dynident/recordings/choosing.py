@@ -18,7 +18,7 @@ MOTION_SHARE = 0.99
 """The band of the motion holds so much of the velocity's power."""
 
 HARMONICS = 15.0
-"""Torque cut-off over the band of the motion: products of joint motions and the corners of friction are its harmonics."""
+"""Torque cut-off over the band of the motion: products of motions and the corners of friction are its harmonics."""
 
 NOISE_SHARE = 0.05
 """Position noise may be so large in the acceleration, beside the motion's own."""
@@ -160,8 +160,8 @@ def _about_positions(position: float, torque: float) -> str:
     if position == torque:
         return f"Position cut-off {position:g} Hz, as for the torque."
     return (
-        f"Position cut-off {position:g} Hz, above that of the torque: the filter of the positions then takes away nothing "
-        "that the torque answers to."
+        f"Position cut-off {position:g} Hz, above that of the torque: the filter of the positions then takes away "
+        "nothing that the torque answers to."
     )
 
 

@@ -141,7 +141,7 @@ class Phases:
 
 
 def width_of(preprocessing: Preprocessing, rate: float) -> float:
-    """Seconds that the filters smear a halt over, to either side: 1.25 / the lower cut-off; a period without filters."""
+    """Seconds that the filters smear a halt over, to either side, 1.25 / the lower cut-off; without any a period."""
     cutoffs = [f for f in (preprocessing.position_cutoff, preprocessing.torque_cutoff) if f is not None]
     # Half a period more, so that rounding does not decide about rows on the border.
     return (_SMEARS / min(cutoffs) if cutoffs else 1.0 / rate) + 0.5 / rate

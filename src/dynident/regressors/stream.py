@@ -25,8 +25,8 @@ from dynident.side_by_side import ahead
 class FilteredSamples:
     """Decimated rows of one segment: t (m,), `values` (m, k) what was asked for, tau (m, n).
 
-    `at_rest` (m, r): the entries of friction at the point of moving, where they were asked for. Where halts were taken
-    out before the filter, `held` (m, n) is the share of what is under it at which each equation held, and `whole`
+    `at_rest` (m, r): the entries of friction at the point of moving, where they were asked for. Where instants were
+    taken out before the filter, `held` (m, n) is the share of what is under it at which each equation held, and `whole`
     [W | Y] (m, p_j + 1) of every joint with its halts, beside `at_rest`; None for joints without any taken out.
     """
 
@@ -182,7 +182,7 @@ def filtered_samples(
 def _take_out(rows: FloatArray, out: BoolArray, places: Sequence[IndexArray]) -> None:
     """Set what belongs to an equation, at `places` of `rows` (m, k), to zero at the samples of `out` (m, n)."""
     for joint in np.flatnonzero(out.any(axis=0)):
-        rows[np.ix_(out[:, joint], places[joint])] = 0.0
+        rows[np.ix_(np.flatnonzero(out[:, joint]), places[joint])] = 0.0
 
 
 def _side_by_side(*widths: int) -> list[slice]:
