@@ -95,7 +95,7 @@ def test_free_turns_are_never_taken_for_sticking(frequency, amplitude, rate, cou
 
 
 def test_the_width_of_a_halt_is_that_of_the_lower_filter():
-    assert width_of(Preprocessing(10.0, 5.0), 1000.0) == pytest.approx(0.2505)
+    assert width_of(Preprocessing(10.0, 5.0), 1000.0) == pytest.approx(0.2005)
     assert width_of(Preprocessing(None, None), 100.0) == pytest.approx(0.015)
 
 

@@ -18,7 +18,7 @@ MOTION_SHARE = 0.99
 """The band of the motion holds so much of the velocity's power."""
 
 HARMONICS = 15.0
-"""Torque cut-off over the band of the motion: products of motions and the corners of friction are its harmonics."""
+"""Cut-off over the band of the motion: products of joint motions and the corners of friction are its harmonics."""
 
 NOISE_SHARE = 0.05
 """Position noise may be so large in the acceleration, beside the motion's own."""
@@ -31,10 +31,6 @@ NYQUIST_SHARE = 0.7
 
 OVERSAMPLING = 4.0
 """Rows are decimated to no less than so many times the torque cut-off."""
-
-WIDER = 2.0
-"""Position cut-off over the torque cut-off, where noise allows: the filter of the positions takes away a part of the
-motion around its cut-off that torque still answers to, as where a joint breaks loose."""
 
 MOVING = 1e-3
 """A joint whose velocity is below this share of the fastest joint's does not count."""
@@ -52,12 +48,11 @@ class _Bands:
 def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     """Choose cut-off frequencies and decimation for recordings that are identified together ("auto").
 
-    The torque cut-off is 15 times the band that holds 99 % of the velocity's power (the median over the joints that
+    The position cut-off is 15 times the band that holds 99 % of the velocity's power (the median over the joints that
     move, the widest of the recordings), but no more than the frequency up to which differentiating the position noise
-    (encoder quantisation, mostly) twice stays below 5 % of the motion's own acceleration: torque above it can not be
-    explained by filtered positions. The position cut-off is twice that, as far as this noise allows: the filter of the
-    positions then takes away nothing that torque answers to below its own. Rows are decimated to no less than 4 times
-    the torque cut-off.
+    (encoder quantisation, mostly) twice stays below 5 % of the motion's own acceleration. The torque cut-off is the
+    same: what is above it can not be explained by filtered positions. Rows are decimated to no less than 4
+    times it.
 
     Raises
     ------
@@ -73,8 +68,7 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     wanted, ceiling = HARMONICS * motion, NYQUIST_SHARE * 0.5 * rate
     cutoff = min(wanted, max(noisiest.noise, LEAST_HARMONICS * motion), ceiling)
     cutoff = _rounded(cutoff)
-    position = max(cutoff, _rounded(min(WIDER * cutoff, noisiest.noise, ceiling)))
-    because = f"Torque cut-off {cutoff:g} Hz: the motion lies below {motion:.2g} Hz (99 % of the velocity's power)"
+    because = f"Position cut-off {cutoff:g} Hz: the motion lies below {motion:.2g} Hz (99 % of the velocity's power)"
     if wanted <= min(noisiest.noise, ceiling):
         because += f", and {HARMONICS:g} times that keeps its products and the corners of friction."
     elif noisiest.noise < ceiling:
@@ -84,7 +78,7 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
         )
     else:
         because += f"; the sampling rate of {rate:.4g} Hz carries nothing useful above {ceiling:.3g} Hz."
-    return _with_decimation(Preprocessing(position, cutoff, 1, 4, (because, _about_positions(position, cutoff))), rate)
+    return _with_decimation(Preprocessing(cutoff, cutoff, 1, 4, (because, _about_torque(cutoff))), rate)
 
 
 def motion_band(recordings: Sequence[Recording]) -> float:
@@ -154,15 +148,6 @@ def _with_decimation(chosen: Preprocessing, rate: float) -> Preprocessing:
         "times the torque cut-off: rows closer together repeat each other."
     )
     return replace(chosen, decimation=decimation, reasons=(*chosen.reasons, because))
-
-
-def _about_positions(position: float, torque: float) -> str:
-    if position == torque:
-        return f"Position cut-off {position:g} Hz, as for the torque."
-    return (
-        f"Position cut-off {position:g} Hz, above that of the torque: the filter of the positions then takes away "
-        "nothing that the torque answers to."
-    )
 
 
 def _about_torque(cutoff: float | None) -> str:

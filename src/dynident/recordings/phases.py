@@ -53,10 +53,6 @@ third (`benchmarks/standing_rows.py`): nobody can tell them from a turn."""
 _UNTOLD = 0.2
 """Share of its rms speed that a joint's speed is uncertain by, from where on nobody can tell when it stands."""
 
-_SMEARS = 1.25
-"""Times 1 / cut-off that a filter smears a halt over, to either side: of a jump, half a per cent is left from there on
-(1.5 % at 1 / cut-off, which is several times the noise of a joint that friction moves most)."""
-
 _SURVEYED = 16384
 """Samples that the resolution of the positions is told from."""
 
@@ -141,10 +137,10 @@ class Phases:
 
 
 def width_of(preprocessing: Preprocessing, rate: float) -> float:
-    """Seconds that the filters smear a halt over, to either side, 1.25 / the lower cut-off; without any a period."""
+    """Seconds that the filters smear a halt over, to either side: 1 / the lower cut-off; a period without filters."""
     cutoffs = [f for f in (preprocessing.position_cutoff, preprocessing.torque_cutoff) if f is not None]
     # Half a period more, so that rounding does not decide about rows on the border.
-    return (_SMEARS / min(cutoffs) if cutoffs else 1.0 / rate) + 0.5 / rate
+    return (1.0 / min(cutoffs) if cutoffs else 1.0 / rate) + 0.5 / rate
 
 
 @dataclass(frozen=True, eq=False)
