@@ -31,11 +31,6 @@ _SMEARED = 0.125
 joint does beside it. On clean arms no more is found there than is uncertain, at any margin; the rows are quietest from
 here on (`benchmarks/standing_rows.py --only starts`)."""
 
-_UNSURE = 0.25
-"""Share of 1 / cut-off of the position filter within which filtered positions may turn earlier or later than the joint:
-on machines of which all is known (`tests/identification/test_machines_that_mujoco_moves.py`) half of it leaves up to
-twice the error where joints move, and more of it fewer rows."""
-
 _TOLD = 0.02
 """Share of what is under a filter that has to be motion for a row to say anything of it."""
 
@@ -47,17 +42,15 @@ class RowPhases:
     `frictional` (n,): joints whose friction is among the columns; the equation of any other holds at all times.
     `remembering` (n,): joints with friction that remembers the path: what it does shows where they turn
     round; `free` (n,): joints that never stick there, so that anything that depends on the speed shows as well.
-    `starting` (n,): joints with friction that shows where they start and stop; `jumping` (n,): joints whose friction
-    does nothing but jump where they turn round; `margin`: seconds by which a halt is longer in filtered positions, to
-    either side, and `unsure`: by which friction may change its sign earlier or later there. `passive`: phases of the
-    joints that follow others, in the order of `Linkage.passive`; `felt` (n, p): which of these are rubbed, and moved by
-    which joint.
+    `starting` (n,): joints with friction that shows where they start and stop; `jumping` (n,): joints that move rubbed
+    ones, and whose own friction does nothing but jump where they turn round; `margin`: seconds by which a halt is
+    longer in filtered positions, to either side. `passive`: phases of the joints that follow others, in the order of
+    `Linkage.passive`; `felt` (n, p): which of these are rubbed, and moved by which joint.
     """
 
     phases: Phases
     width: float
     margin: float
-    unsure: float
     frictional: BoolArray
     remembering: BoolArray
     free: BoolArray
@@ -80,17 +73,13 @@ class RowPhases:
         width = width_of(preprocessing, recording.sampling_rate)
         cutoff = preprocessing.position_cutoff
         # A thousandth of a period more, so that rounding does not decide.
-        margin, unsure = (
-            (0.0 if cutoff is None else share / cutoff) + 1e-3 * recording.period for share in (_SMEARED, _UNSURE)
-        )
+        margin = (0.0 if cutoff is None else _SMEARED / cutoff) + 1e-3 * recording.period
         phases = phases_of(recording)
         starting = starting_joints(observation)
         felt = _passive_friction(observation, first)
         passive = _passive_phases(recording, observation.robot.linkage) if felt.any() else None
-        jumping = frictional & ~remembering & ~(starting & phases.free)
-        return cls(
-            phases, width, margin, unsure, frictional, remembering, phases.free, starting, jumping, passive, felt
-        )
+        jumping = frictional & felt.any(axis=1) & ~remembering & ~(starting & phases.free)
+        return cls(phases, width, margin, frictional, remembering, phases.free, starting, jumping, passive, felt)
 
     def about(self, frictional: BoolArray) -> RowPhases:
         """The same where these joints (n,) have friction, and each may have any kind of it."""
@@ -105,12 +94,13 @@ class RowPhases:
     def certain(self, segment: int, t: FloatArray) -> BoolArray:
         """(m, n): at which samples, at the full rate, the sign of all friction in a joint's equation is certain.
 
-        It is not within a few milliseconds of where the joint turns round, or of a halt of a rubbed joint that follows
-        it: filtered positions turn a little earlier or later than the joint. The jump is many times the noise, so
-        that a few milliseconds of the wrong sign would be the largest error in all rows that the filter smears it to.
+        With rubbed joints that follow it, it is not within some milliseconds of their halts, nor of where the joint
+        itself turns round: filtered positions turn a little earlier or later. A jump is many times the noise, so that
+        some milliseconds of the wrong sign would be the largest error in all rows that the filter smears it to.
         """
-        turns = (self.phases.at(segment, t, self.unsure) == Phase.REVERSING) & self.jumping
-        return np.asarray(~turns & ~self._followers_halt(segment, t, self.unsure))
+        unsure = _SMEARED * self.width
+        turns = (self.phases.at(segment, t, unsure) == Phase.REVERSING) & self.jumping
+        return np.asarray(~turns & ~self._followers_halt(segment, t, unsure))
 
     def holds(self, segment: int, t: FloatArray) -> BoolArray:
         """(m, n): at which samples, at the full rate, the equation of a joint that is looked at where it starts holds.
