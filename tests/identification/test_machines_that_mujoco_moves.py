@@ -58,8 +58,8 @@ DELTA = Rubbed(
 )
 HEAVY = {"yaw": (15.0, 10.0), "arm": (15.0, 10.0), "lever": (12.0, 8.0), "forearm": (6.0, 3.0), "rod": (3.0, 2.0)}
 BASE_GAINS = {"yaw": (1e5, 2000.0), "arm": (1e5, 2000.0), "lever": (5e4, 1000.0)}
-# A joint that breaks loose has motion at the torque's cut-off, which positions filtered at the same lack; and rows where
-# a joint with rigid friction turns round are off by many times the noise, which a robust estimator gives up.
+# A joint that breaks loose has motion at the torque's cut-off, which positions filtered at the same lack; rows where a
+# joint with rigid friction turns round are off by many times the noise, which a robust estimator gives up.
 WIDE = Preprocessing(16.0, 8.2, 30)
 PALLETISER = Rubbed("palletiser", HEAVY | {"flange": (0.3, 0.2)}, BASE_GAINS | {"flange": (320.0, 6.4)}, WIDE, "irls")
 SIX_AXIS = Rubbed(
