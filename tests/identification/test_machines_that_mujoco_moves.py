@@ -151,7 +151,7 @@ def with_friction(rubbed: Rubbed, n_runs: int) -> tuple[Identification, list[tup
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("rubbed", "n_runs"),
-    [(FIVE_BAR, 2), (PALLETISER, 4), (SIX_AXIS, 4), pytest.param(DELTA, 4, marks=pytest.mark.thorough)],
+    [(FIVE_BAR, 2), (PALLETISER, 6), (SIX_AXIS, 4), pytest.param(DELTA, 4, marks=pytest.mark.thorough)],
     ids=lambda given: given.name if isinstance(given, Rubbed) else str(given),
 )
 def test_friction_of_passive_joints_leaves_little_more_than_noise_where_they_move(rubbed: Rubbed, n_runs: int) -> None:
@@ -206,9 +206,9 @@ def test_a_friction_peak_hidden_on_a_passive_joint_is_named(rubbed: Rubbed, peak
 
 @pytest.mark.slow
 @pytest.mark.thorough
-def test_nothing_is_named_in_a_clean_delta_and_it_is_said_that_its_motion_determines_it_poorly() -> None:
+def test_nothing_is_named_in_a_clean_delta() -> None:
     runs = [moved(DELTA, seed)[0] for seed in (1, 2)]
     found = diagnose(identified(DELTA, runs), runs, candidates=ASKED)
     assert found.recommended == ()
     assert found.verdict == "adequate"
-    assert "does not determine the model" in found.summary
+    assert (found.residual_rms < 1.1 * found.noise_floor).all()

@@ -182,7 +182,7 @@ def filtered_samples(
 def _take_out(rows: FloatArray, out: BoolArray, places: Sequence[IndexArray]) -> None:
     """Set what belongs to an equation, at `places` of `rows` (m, k), to zero at the samples of `out` (m, n)."""
     for joint in np.flatnonzero(out.any(axis=0)):
-        rows[np.ix_(np.flatnonzero(out[:, joint]), places[joint])] = 0.0
+        rows[np.ix_(np.flatnonzero(out[:, joint]), places[int(joint)])] = 0.0
 
 
 def _side_by_side(*widths: int) -> list[slice]:
