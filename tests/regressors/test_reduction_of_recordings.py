@@ -98,7 +98,10 @@ def dense_segment(recording: Recording, number: int, preprocessing: Preprocessin
     used = recording.inside_windows(t)
     used[:margin] = used[len(used) - margin :] = False
     taps = low_pass(rate, preprocessing.torque_cutoff)
-    wide = np.concatenate([columns, tau[:, :, None]], axis=2).reshape(len(q), -1)
+    phases = RowPhases.of(MODEL.observation, recording, preprocessing)
+    both = np.concatenate([columns, tau[:, :, None]], axis=2)
+    both[~phases.certain(number, t)] = 0.0
+    wide = both.reshape(len(q), -1)
     valid = np.array([np.convolve(column, taps, mode="valid") for column in wide.T]).T
     complete = np.convolve(used.astype(float), np.ones(len(taps)), mode="valid") > len(taps) - 0.5
     # Row 0, d, 2d, … of the segment, as far as the filter's window around it lies inside.
@@ -108,7 +111,7 @@ def dense_segment(recording: Recording, number: int, preprocessing: Preprocessin
     # As the stream counts time: where a filter is as wide as so many samples, rounding decides about a border's row.
     times = segment.start_time + np.arange(len(taps) // 2, len(q) - len(taps) // 2) * recording.period
     times = times[kept][complete[kept]]
-    equations = RowPhases.of(MODEL.observation, recording, preprocessing).used(number, times)
+    equations = phases.used(number, times)
     rows[~equations] = 0.0
     return rows[:, :, :-1], rows[:, :, -1], equations
 

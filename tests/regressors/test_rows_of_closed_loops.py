@@ -7,9 +7,14 @@ import pytest
 from machines import MACHINES, accelerations_of_pinocchio, machine, states, torque_of_mujoco
 
 from dynident.effects import EffectChoice, Signals, columns_of
+from dynident.recordings import Preprocessing, recording_from_arrays
+from dynident.recordings.phases import Phase
 from dynident.regressors.base_parameters import base_parameters
 from dynident.regressors.forms import filtered_form, power_form
+from dynident.regressors.model import build_model
 from dynident.regressors.observation import Observation
+from dynident.regressors.row_phases import RowPhases
+from dynident.regressors.stream import reduce_recordings
 from dynident.robot import Robot
 
 LINKS = [EffectChoice("rigid_body")]
@@ -179,3 +184,22 @@ def test_a_five_bar_has_the_torque_of_a_model_derived_by_hand() -> None:
 
     expected = np.array([by_hand(*state) for state in zip(q, dq, ddq, strict=True)])
     assert np.abs(torque(robot, q, dq, ddq) - expected).max() < 1e-3 * np.abs(expected).max()
+
+
+def test_nothing_is_felt_of_what_happens_where_the_sign_of_a_passive_joints_friction_is_uncertain() -> None:
+    robot = machine("five_bar")
+    model = build_model(robot, [*LINKS, EffectChoice("coulomb", ("left_rod",))])
+    t, filters = np.arange(0.0, 20.0, 0.004), Preprocessing(8.0, 8.0, 8)
+    q = np.array([2.15, 0.95]) + 0.35 * np.sin(2 * np.pi * np.array([0.23, 0.31]) * t[:, None])
+    still = recording_from_arrays(t, q, np.zeros_like(q), joint_names=robot.joint_names, name="still")
+    phases = RowPhases.of(model.observation, still, filters)
+    uncertain = ~phases.certain(0, t)
+    assert uncertain[:, 0].any()
+    shaken = recording_from_arrays(t, q, 100.0 * uncertain, joint_names=robot.joint_names, name="shaken")
+    reference = np.zeros(10 * robot.tree.n)
+    of_still, of_shaken = (reduce_recordings(model.observation, [r], filters, reference) for r in (still, shaken))
+    for one, other in zip(of_still.equations, of_shaken.equations, strict=True):
+        np.testing.assert_array_equal(one.joined, other.joined)
+    # And rows beside these instants are equations.
+    moving = (phases.at(0, t[:: filters.decimation]) == Phase.MOVING).sum(axis=0)
+    assert (np.array([one.counts.sum() for one in of_still.equations]) > 1.1 * moving).all()

@@ -42,9 +42,10 @@ class RowPhases:
     `frictional` (n,): joints whose friction is among the columns; the equation of any other holds at all times.
     `remembering` (n,): joints with friction that remembers the path: what it does shows where they turn
     round; `free` (n,): joints that never stick there, so that anything that depends on the speed shows as well.
-    `starting` (n,): joints with friction that shows where they start and stop; `margin`: seconds by which
-    a halt is longer in filtered positions, to either side. `passive`: phases of the joints that follow others, in the
-    order of `Linkage.passive`; `felt` (n, p): which of these are rubbed, and moved by which joint.
+    `starting` (n,): joints with friction that shows where they start and stop; `jumping` (n,): joints that move rubbed
+    ones, and whose own friction does nothing but jump where they turn round; `margin`: seconds by which a halt is
+    longer in filtered positions, to either side. `passive`: phases of the joints that follow others, in the order of
+    `Linkage.passive`; `felt` (n, p): which of these are rubbed, and moved by which joint.
     """
 
     phases: Phases
@@ -54,6 +55,7 @@ class RowPhases:
     remembering: BoolArray
     free: BoolArray
     starting: BoolArray
+    jumping: BoolArray
     passive: Phases | None = None
     felt: BoolArray | None = None
 
@@ -67,9 +69,7 @@ class RowPhases:
     ) -> RowPhases:
         """What holds for the rows of a recording, with the friction of the first so many columns, or of all."""
         frictional = joints_with_friction(observation, first)
-        remembering = np.zeros(observation.robot.n, dtype=bool)
-        for signal in observation.memory:
-            remembering[list(observation.robot.position_movers(signal.joint))] = True
+        remembering = _remembering_joints(observation)
         width = width_of(preprocessing, recording.sampling_rate)
         cutoff = preprocessing.position_cutoff
         # A thousandth of a period more, so that rounding does not decide.
@@ -78,11 +78,29 @@ class RowPhases:
         starting = starting_joints(observation)
         felt = _passive_friction(observation, first)
         passive = _passive_phases(recording, observation.robot.linkage) if felt.any() else None
-        return cls(phases, width, margin, frictional, remembering, phases.free, starting, passive, felt)
+        jumping = frictional & felt.any(axis=1) & ~remembering & ~(starting & phases.free)
+        return cls(phases, width, margin, frictional, remembering, phases.free, starting, jumping, passive, felt)
 
     def about(self, frictional: BoolArray) -> RowPhases:
         """The same where these joints (n,) have friction, and each may have any kind of it."""
-        return replace(self, frictional=frictional, starting=frictional)
+        return replace(self, frictional=frictional, starting=frictional, jumping=np.zeros_like(frictional))
+
+    @property
+    def interrupted(self) -> BoolArray:
+        """(n,): joints out of whose equation instants may be taken before the filter."""
+        found = self.starting | self.jumping
+        return found if self.passive is None or self.felt is None else np.asarray(found | self.felt.any(axis=1))
+
+    def certain(self, segment: int, t: FloatArray) -> BoolArray:
+        """(m, n): at which samples, at the full rate, the sign of all friction in a joint's equation is certain.
+
+        With rubbed joints that follow it, it is not within some milliseconds of their halts, nor of where the joint
+        itself turns round: filtered positions turn a little earlier or later. A jump is many times the noise, so that
+        some milliseconds of the wrong sign would be the largest error in all rows that the filter smears it to.
+        """
+        unsure = _SMEARED * self.width
+        turns = (self.phases.at(segment, t, unsure) == Phase.REVERSING) & self.jumping
+        return np.asarray(~turns & ~self._followers_halt(segment, t, unsure))
 
     def holds(self, segment: int, t: FloatArray) -> BoolArray:
         """(m, n): at which samples, at the full rate, the equation of a joint that is looked at where it starts holds.
@@ -93,7 +111,7 @@ class RowPhases:
         return np.asarray(~standing | ~self.starting)
 
     def partial(self, segment: int, t: FloatArray, found: PhaseArray, held: FloatArray | None) -> BoolArray:
-        """(m, n): rows beside a halt that say something of motion, where no joint that follows halts as well.
+        """(m, n): rows beside a halt, of the joint or of one that follows it, that say something of motion.
 
         Parameters
         ----------
@@ -106,21 +124,27 @@ class RowPhases:
         """
         if held is None:
             return np.zeros(found.shape, dtype=bool)
-        beside = (found == Phase.STANDING) & (held > _TOLD) & self.starting
-        return np.asarray(beside & ~self._followers_halt(segment, t, 0.0))
+        beside = (found == Phase.STANDING) & self.starting
+        return np.asarray((beside | (found == Phase.PASSIVE_HALT)) & (held > _TOLD))
 
-    def _followers_halt(self, segment: int, t: FloatArray, after: float) -> BoolArray:
-        """(m, n): where a rubbed joint that follows, and that the joint moves, turns round or stands."""
+    def _followers_halt(self, segment: int, t: FloatArray, before: float, after: float = 0.0) -> BoolArray:
+        """(m, n): where a rubbed joint that follows, and that the joint moves, turns round or stands.
+
+        Parameters
+        ----------
+        before, after : float
+            Seconds that a halt is felt to either side, and later on top of that.
+        """
         if self.passive is None or self.felt is None:
             return np.zeros((len(t), len(self.frictional)), dtype=bool)
-        halts = self.passive.at(segment, t, self.width, after) != Phase.MOVING
+        halts = self.passive.at(segment, t, before, after) != Phase.MOVING
         return np.asarray((halts[:, None, :] & self.felt).any(axis=2))
 
     def at(self, segment: int, t: FloatArray, after: float = 0.0) -> PhaseArray:
         """(m, n): phases at times t (m,) of a segment; `after`: seconds that a halt is felt beside the filters."""
         found = self.phases.at(segment, t, self.width, after)
         found[:, ~self.frictional] = Phase.MOVING
-        found[self._followers_halt(segment, t, after) & (found != Phase.STANDING)] = Phase.PASSIVE_HALT
+        found[self._followers_halt(segment, t, self.width, after) & (found != Phase.STANDING)] = Phase.PASSIVE_HALT
         return found
 
     def used(self, segment: int, t: FloatArray, after: float = 0.0) -> BoolArray:
@@ -151,7 +175,7 @@ def _passive_phases(recording: Recording, linkage: Linkage | None) -> Phases | N
     return of_linkages[linkage]
 
 
-def _passive_friction(observation: Observation, first: int | None) -> BoolArray:
+def _passive_friction(observation: Observation, first: int | None = None) -> BoolArray:
     """(n, p): which joints move which of those that follow, as far as these have friction among the first columns."""
     robot = observation.robot
     if robot.linkage is None:
@@ -173,6 +197,22 @@ def joints_with_friction(observation: Observation, first: int | None = None) -> 
     for name in names & set(observation.robot.tree.joint_names):
         found[list(observation.robot.movers(name))] = True
     return found
+
+
+def _remembering_joints(observation: Observation) -> BoolArray:
+    """(n,): joints with friction that remembers the path."""
+    found = np.zeros(observation.robot.n, dtype=bool)
+    for signal in observation.memory:
+        found[list(observation.robot.position_movers(signal.joint))] = True
+    return found
+
+
+def same_instants(one: Observation, other: Observation) -> bool:
+    """Whether the same instants are taken out of the equations of two observation matrices of one robot."""
+    return all(
+        np.array_equal(found(one), found(other))
+        for found in (joints_with_friction, starting_joints, _remembering_joints, _passive_friction)
+    )
 
 
 def starting_joints(observation: Observation) -> BoolArray:

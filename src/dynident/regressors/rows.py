@@ -14,7 +14,7 @@ from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
-from dynident.regressors.row_phases import RowPhases, starting_joints
+from dynident.regressors.row_phases import RowPhases, same_instants
 from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings
 
 MOST_VALUES = 4_000_000
@@ -139,8 +139,7 @@ def _samples(
 def _extends(observation: Observation, reference: FloatArray, known: KeptRows) -> bool:
     if observation.parts is None or observation.parts[0] is not known.observation:
         return False
-    # Halts are taken out of the equations of other joints.
-    if not np.array_equal(starting_joints(observation), starting_joints(known.observation)):
+    if not same_instants(observation, known.observation):
         return False
     return known.reference is None or np.array_equal(reference, known.reference)
 

@@ -25,8 +25,8 @@ from dynident.side_by_side import ahead
 class FilteredSamples:
     """Decimated rows of one segment: t (m,), `values` (m, k) what was asked for, tau (m, n).
 
-    `at_rest` (m, r): the entries of friction at the point of moving, where they were asked for. Where halts were taken
-    out before the filter, `held` (m, n) is the share of what is under it at which each equation held, and `whole`
+    `at_rest` (m, r): the entries of friction at the point of moving, where they were asked for. Where instants were
+    taken out before the filter, `held` (m, n) is the share of what is under it at which each equation held, and `whole`
     [W | Y] (m, p_j + 1) of every joint with its halts, beside `at_rest`; None for joints without any taken out.
     """
 
@@ -114,20 +114,22 @@ def filtered_samples(
 ) -> Iterator[FilteredSamples]:
     """Stream the entries of W, and Y beside them, through the parallel filter; only rows that are used come out.
 
-    A joint's equation holds at every instant at which it moves. With halts set to zero on both sides it holds at all,
-    and the filter leaves it true: rows beside a halt then tell of the motion in them, where the friction at rest, which
-    nobody knows, would have been smeared over them.
+    A joint's equation holds at every instant at which it moves, and friction has a certain sign. With all other
+    instants set to zero on both sides it holds at all, and the filter leaves it true: rows beside a halt then tell of
+    the motion in them, where the friction at rest, which nobody knows, would have been smeared over them.
 
     Parameters
     ----------
     at_rest : Observation, optional
         Friction at the point of moving, whose entries are to come with them.
     phases : RowPhases, optional
-        Takes halts out of the equations of joints that are looked at where they start.
+        Takes halts out of the equations of joints that are looked at where they start, and out of all others the
+        instants at which the sign of friction is uncertain.
     """
     parts = [SampleFunction(one, reference, recording) for one in (observation, at_rest) if one is not None]
     layout = [observation.joint_entries(joint) for joint in range(recording.n)]
-    starting = np.zeros(recording.n, dtype=bool) if phases is None else phases.starting
+    nowhere = np.zeros(recording.n, dtype=bool)
+    starting, interrupted = (nowhere, nowhere) if phases is None else (phases.starting, phases.interrupted)
     # What is filtered a second time, with the halts in it: entries of joints that have some, and their torque.
     joints = np.flatnonzero(starting) if at_rest is not None else np.zeros(0, dtype=np.intp)
     again = np.flatnonzero(np.isin(observation.entry_rows, joints))
@@ -135,23 +137,34 @@ def filtered_samples(
         len(observation.entry_rows),
         0 if at_rest is None else len(at_rest.entry_rows),
         recording.n,
-        recording.n if starting.any() else 0,
+        recording.n if interrupted.any() else 0,
         len(again),
         len(joints),
     )
+
+    # Places of an equation's entries and torque, and those of its friction at rest with them.
+    equations = [np.append(places, tau.start + joint) for joint, (places, _) in enumerate(layout)]
+    known = equations
+    if at_rest is not None:
+        friction = [[at_rest.joint_entries(row)[0] for row in (j, recording.n + j)] for j in range(recording.n)]
+        known = [
+            np.concatenate([one, resting.start + np.concatenate(own)])
+            for one, own in zip(equations, friction, strict=True)
+        ]
 
     def values(block: SampleBlock) -> FloatArray:
         rows = np.empty((len(block.t), torque.stop))
         for part, places in zip(parts, (entries, resting), strict=False):
             part.fill(block, rows[:, places])
         rows[:, tau] = block.tau
-        rows[:, whole], rows[:, torque] = rows[:, again], block.tau[:, joints]
-        if phases is not None and starting.any():
-            holds = phases.holds(block.segment, block.t)
-            rows[:, held] = holds
-            for joint in np.flatnonzero(~holds.all(axis=0)):
-                halted = np.flatnonzero(~holds[:, joint])
-                rows[np.ix_(halted, [*layout[joint][0], tau.start + joint])] = 0.0
+        certain = None if phases is None or not interrupted.any() else phases.certain(block.segment, block.t)
+        if certain is not None:
+            _take_out(rows, ~certain, known)
+        rows[:, whole], rows[:, torque] = rows[:, again], rows[:, tau.start + joints]
+        if phases is not None and certain is not None:
+            moves = phases.holds(block.segment, block.t)
+            _take_out(rows, ~moves, equations)
+            rows[:, held] = certain & moves
         return rows
 
     for segment, t, rows in parallel_filtered(recording, preprocessing, values):
@@ -161,9 +174,15 @@ def filtered_samples(
             rows[:, tau],
             segment,
             at_rest=None if at_rest is None else rows[:, resting],
-            held=rows[:, held] if starting.any() else None,
+            held=rows[:, held] if interrupted.any() else None,
             whole=_whole(rows[:, whole], rows[:, torque], again, joints, layout),
         )
+
+
+def _take_out(rows: FloatArray, out: BoolArray, places: Sequence[IndexArray]) -> None:
+    """Set what belongs to an equation, at `places` of `rows` (m, k), to zero at the samples of `out` (m, n)."""
+    for joint in np.flatnonzero(out.any(axis=0)):
+        rows[np.ix_(np.flatnonzero(out[:, joint]), places[int(joint)])] = 0.0
 
 
 def _side_by_side(*widths: int) -> list[slice]:
