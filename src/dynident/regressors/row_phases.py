@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
@@ -209,10 +210,14 @@ def _remembering_joints(observation: Observation) -> BoolArray:
 
 def same_instants(one: Observation, other: Observation) -> bool:
     """Whether the same instants are taken out of the equations of two observation matrices of one robot."""
-    return all(
-        np.array_equal(found(one), found(other))
-        for found in (joints_with_friction, starting_joints, _remembering_joints, _passive_friction)
-    )
+
+    def alike(*found: Callable[[Observation], BoolArray]) -> bool:
+        return all(np.array_equal(of(one), of(other)) for of in found)
+
+    if not alike(starting_joints, _passive_friction):
+        return False
+    # Where a joint turns round is taken out only beside a rubbed one that follows it.
+    return not _passive_friction(one).any() or alike(joints_with_friction, _remembering_joints)
 
 
 def starting_joints(observation: Observation) -> BoolArray:
