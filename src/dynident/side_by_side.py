@@ -1,21 +1,24 @@
 """Large parts of one computation on several processors at once.
 
 By threads: what takes the time, machine code, filters and factors, holds no lock of Python's, and nothing has to be
-copied from one process to another.
+copied from one process to another. Where others elsewhere take parts (`elsewhere`), they are done there as well.
 """
 
 from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from queue import Empty, Full, Queue
 from threading import Event, Thread, local
 from typing import TypeVar
 
+from dynident.elsewhere import Busy, places
 from dynident.errors import Cancelled
+from dynident.parts import Parts
 from dynident.progress import Progress, part, silent
 
 WORTH = 200_000
@@ -25,6 +28,8 @@ _SWITCH = 5e-4
 """Seconds for which a thread may keep Python's lock from another that comes back from what needs none."""
 _LOOK = 0.1
 """Seconds between two looks at how far all are."""
+_ASK_AGAIN = 1.0
+"""Seconds after which somebody elsewhere is asked again who was busy."""
 
 _WAITING = 2
 """Items that are made ahead of whoever takes them."""
@@ -74,6 +79,9 @@ def side_by_side(
 ) -> list[_Result]:
     """`work` of every item, in their order; as many at a time as there are processors where they are large.
 
+    Whoever is done takes the next one, and those elsewhere that this thread shares with (`elsewhere.shared_with`) do,
+    too: `work` has to give the same wherever it is done.
+
     Parameters
     ----------
     work : function
@@ -88,34 +96,59 @@ def side_by_side(
     Whatever the work of an item raises, the others being stopped.
     """
     whole = float(sum(sizes)) or 1.0
-    at_once = min(len(items), processors())
-    if at_once < 2 or whole < WORTH:
+    if len(items) < 2 or whole < WORTH:
         return one_by_one(work, items, sizes, progress)
-    over, done, name = Event(), [0.0] * len(items), [""]
+    at_once, others = min(len(items), processors()), places(work, whole)[: len(items)]
+    if at_once + len(others) < 2:
+        return one_by_one(work, items, sizes, progress)
+    parts, done, name = Parts[_Result](sizes), [0.0] * len(items), [""]
 
-    def one(number: int) -> _Result:
+    def teller(number: int) -> Progress:
         def told(fraction: float, message: str) -> None:
-            if over.is_set():
+            if not parts.wants(number):
                 raise Cancelled
-            done[number], name[0] = fraction, message
+            done[number], name[0] = max(done[number], fraction), message or name[0]
 
+        return told
+
+    def here() -> None:
         _own.one_of_several = True
-        return work(items[number], told)
+        while (number := parts.next_here()) is not None:
+            began = time.monotonic()
+            try:
+                parts.put(number, work(items[number], teller(number)), time.monotonic() - began)
+            except BaseException as error:
+                # Of one that somebody else has done meanwhile nothing is wanted.
+                if parts.wants(number):
+                    parts.fail(error)
 
-    with _quick_to_switch(), ThreadPoolExecutor(at_once) as pool:
-        futures = [pool.submit(one, number) for number in range(len(items))]
+    def away(place: Callable[[_Item, Progress], _Result]) -> None:
+        while (number := parts.next_away()) is not None:
+            try:
+                parts.put(number, place(items[number], teller(number)))
+            except Busy:
+                parts.give_back(number)
+                parts.wait(_ASK_AGAIN)
+            except Cancelled:
+                parts.give_back(number)
+            except Exception:
+                # It is done here, which says what is wrong if something is.
+                parts.give_back(number)
+                return
+
+    with _quick_to_switch(), ThreadPoolExecutor(at_once + len(others)) as pool:
+        working = [pool.submit(here) for _ in range(at_once)] + [pool.submit(away, place) for place in others]
         try:
-            waiting = set(futures)
-            while waiting:
-                ended, waiting = wait(waiting, _LOOK, FIRST_EXCEPTION)
-                for future in ended:
-                    future.result()
+            ended = False
+            while not ended:
+                ended = parts.wait(_LOOK)
                 progress(min(1.0, sum(map(float.__mul__, done, map(float, sizes))) / whole), name[0])
-        except BaseException:
-            over.set()
-            pool.shutdown(wait=False, cancel_futures=True)
+        except BaseException as error:
+            parts.fail(error)
             raise
-    return [future.result() for future in futures]
+    for one in working:
+        one.result()
+    return parts.results()
 
 
 def ahead(items: Iterator[_Item], size: float) -> Generator[_Item, None, None]:
