@@ -26,6 +26,7 @@ from dynident.errors import Cancelled, DynidentError
 from dynident_service import traces
 from dynident_service.jobs.calls import Answer, Call, answer
 from dynident_service.jobs.checkpoints import KeptCheckpoints
+from dynident_service.jobs.sharing import sharing
 from dynident_service.jobs.work import PATIENCE, JobFunction, Memory, Outcome, Place, Task
 from dynident_service.logs import working_on
 from dynident_service.problems import Problem, ProblemError, make_problem, problem_of
@@ -143,7 +144,9 @@ class Workshop:
             if found is None:
                 raise LostClaim(claim.job_id)
         reporter, kept = Reporter(self.ledger, claim), KeptCheckpoints(Checkpointing(self.database), claim)
-        return function(Task(found, claim.arguments, self.resources, self.objects, self.memory, reporter, kept))
+        task = Task(found, claim.arguments, self.resources, self.objects, self.memory, reporter, kept)
+        with sharing(claim, self.place, self.objects):
+            return function(task)
 
 
 class Reporter:
