@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from queue import Empty, Full, Queue
 from threading import Event, Thread, local
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 from dynident.elsewhere import Busy, places
 from dynident.errors import Cancelled
@@ -101,54 +101,79 @@ def side_by_side(
     at_once, others = min(len(items), processors()), places(work, whole)[: len(items)]
     if at_once + len(others) < 2:
         return one_by_one(work, items, sizes, progress)
-    parts, done, name = Parts[_Result](sizes), [0.0] * len(items), [""]
-
-    def teller(number: int) -> Progress:
-        def told(fraction: float, message: str) -> None:
-            if not parts.wants(number):
-                raise Cancelled
-            done[number], name[0] = max(done[number], fraction), message or name[0]
-
-        return told
-
-    def here() -> None:
-        _own.one_of_several = True
-        while (number := parts.next_here()) is not None:
-            began = time.monotonic()
-            try:
-                parts.put(number, work(items[number], teller(number)), time.monotonic() - began)
-            except BaseException as error:
-                # Of one that somebody else has done meanwhile nothing is wanted.
-                if parts.wants(number):
-                    parts.fail(error)
-
-    def away(place: Callable[[_Item, Progress], _Result]) -> None:
-        while (number := parts.next_away()) is not None:
-            try:
-                parts.put(number, place(items[number], teller(number)))
-            except Busy:
-                parts.give_back(number)
-                parts.wait(_ASK_AGAIN)
-            except Cancelled:
-                parts.give_back(number)
-            except Exception:
-                # It is done here, which says what is wrong if something is.
-                parts.give_back(number)
-                return
-
+    shared = _Shared(work, items, sizes)
     with _quick_to_switch(), ThreadPoolExecutor(at_once + len(others)) as pool:
-        working = [pool.submit(here) for _ in range(at_once)] + [pool.submit(away, place) for place in others]
+        for _ in range(at_once):
+            pool.submit(shared.work_here)
+        for place in others:
+            pool.submit(shared.have_done, place)
         try:
             ended = False
             while not ended:
-                ended = parts.wait(_LOOK)
-                progress(min(1.0, sum(map(float.__mul__, done, map(float, sizes))) / whole), name[0])
+                ended = shared.parts.wait(_LOOK)
+                progress(shared.fraction, shared.name)
         except BaseException as error:
-            parts.fail(error)
+            shared.parts.fail(error)
             raise
-    for one in working:
-        one.result()
-    return parts.results()
+    return shared.parts.results()
+
+
+class _Shared(Generic[_Item, _Result]):
+    """The work on several items, among those who do it here and those who wait for others."""
+
+    def __init__(
+        self, work: Callable[[_Item, Progress], _Result], items: Sequence[_Item], sizes: Sequence[float]
+    ) -> None:
+        self._work = work
+        self._items = items
+        self._sizes = sizes
+        self._done = [0.0] * len(items)
+        self.parts = Parts[_Result](sizes)
+        self.name = ""
+        """Of what somebody was heard of last."""
+
+    @property
+    def fraction(self) -> float:
+        """How much of the whole is done."""
+        done = sum(size * done for size, done in zip(self._sizes, self._done, strict=True))
+        return min(1.0, done / (float(sum(self._sizes)) or 1.0))
+
+    def work_here(self) -> None:
+        """Do one item after the other until none is left."""
+        _own.one_of_several = True
+        while (number := self.parts.next_here()) is not None:
+            began = time.monotonic()
+            try:
+                result = self._work(self._items[number], self._teller(number))
+                self.parts.put(number, result, time.monotonic() - began)
+            except BaseException as error:
+                # Of one that somebody else has done meanwhile nothing is wanted.
+                if self.parts.wants(number):
+                    self.parts.fail(error)
+
+    def have_done(self, place: Callable[[_Item, Progress], _Result]) -> None:
+        """Have others do one item after the other; what they do not is done here, which says what is wrong with it."""
+        while (number := self.parts.next_away()) is not None:
+            try:
+                self.parts.put(number, place(self._items[number], self._teller(number)))
+                self._done[number] = 1.0
+            except Busy:
+                self.parts.give_back(number)
+                self.parts.wait(_ASK_AGAIN)
+            except Cancelled:
+                self.parts.give_back(number)
+            except Exception:
+                self.parts.give_back(number)
+                return
+
+    def _teller(self, number: int) -> Progress:
+        def told(fraction: float, message: str) -> None:
+            if not self.parts.wants(number):
+                raise Cancelled
+            self._done[number] = max(self._done[number], fraction)
+            self.name = message or self.name
+
+        return told
 
 
 def ahead(items: Iterator[_Item], size: float) -> Generator[_Item, None, None]:

@@ -235,17 +235,19 @@ def work(jobs: int, lifeline: int) -> None:
     if LogSettings().traces:
         _trace()
     workshop: Workshop | None = None
+    behind = False
     while True:
         try:
             order = connection.recv()
         except (EOFError, OSError):
             return
+        if not behind and (isinstance(order, Order) or order.of_a_job):
+            _give_way()
+            behind = True
         if isinstance(order, Call):
             line.send(answer(order, _peak_memory()))
             continue
         assert isinstance(order, Order)
-        if workshop is None:
-            _give_way()
         if workshop is None or workshop.place != order.place:
             workshop = Workshop(order.place)
         claim, trouble = order.claim, ""

@@ -49,7 +49,7 @@ def _call(part: Part) -> Call:
         "work": part.work,
         "item": part.item,
     }
-    return Call("dynident_service.jobs.parts:do", asked, part.claim.request_id, part.claim.trace)
+    return Call("dynident_service.jobs.parts:do", asked, part.claim.request_id, part.claim.trace, of_a_job=True)
 
 
 def _goes_on(claim: Claim, ledger: Ledger) -> bool:
