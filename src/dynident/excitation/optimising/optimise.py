@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from threading import Lock
 
 import numpy as np
 from scipy.optimize import OptimizeResult, minimize
@@ -115,6 +116,8 @@ def search(
                     found = _with(found, reached, start.finished, budget)
                     start.counted = start.finished
                     yield found
+                if any(start.counted for start in together):
+                    course.checkpoints.keep(partial(_reached, candidates, found, first, heat, budget))
 
 
 def _advance(starts: Sequence[_Start], rounds: int, telling: _Telling) -> None:
@@ -123,14 +126,14 @@ def _advance(starts: Sequence[_Start], rounds: int, telling: _Telling) -> None:
     def advance(start: _Start, told: Progress) -> None:
         while start.rounds < rounds and not start.finished and not telling.budget.spent:
             start.advance(telling.budget, lambda at: told(0.0, telling.message(start, at)))
+            telling.keep(start)
 
     side_by_side(advance, starts, [WORTH] * len(starts), telling)
-    telling.keep()
 
 
 @dataclass(eq=False)
 class _Telling:
-    """Says how far a heat is, in whose thread the search was begun, and keeps that from round to round."""
+    """Says how far a heat is, in the thread that began the search, and keeps it after every round of a start."""
 
     candidates: Sequence[Candidate]
     found: Optimisation
@@ -139,7 +142,7 @@ class _Telling:
     budget: Budget
     progress: Progress
     checkpoints: Checkpoints
-    _kept: int = -1
+    _one: Lock = field(default_factory=Lock)
 
     def message(self, start: _Start, at: Evaluation) -> str:
         """What is said of an iteration of a start."""
@@ -153,13 +156,12 @@ class _Telling:
         """Tell it, with how far the whole search is; raises what stops the search."""
         if message:
             self.progress(self.budget.fraction(self.first + sum(one.share_done for one in self.heat)), message)
-        if self._kept != (done := sum(one.rounds for one in self.heat)):
-            self._kept = done
-            self.keep()
 
-    def keep(self) -> None:
-        """Keep a checkpoint, if it is time."""
-        self.checkpoints.keep(partial(_reached, self.candidates, self.found, self.first, self.heat, self.budget))
+    def keep(self, start: _Start) -> None:
+        """Keep a checkpoint after a round of a start, whose thread this is, if it is time."""
+        with self._one:
+            start.settle()
+            self.checkpoints.keep(partial(_reached, self.candidates, self.found, self.first, self.heat, self.budget))
 
 
 def _reached(
@@ -199,7 +201,7 @@ class _Start:
 
     def __post_init__(self) -> None:
         self._multipliers = self.problem.no_multipliers(_PENALTY)
-        self._settle()
+        self.settle()
 
     @property
     def share_done(self) -> float:
@@ -207,10 +209,11 @@ class _Start:
         return 1.0 if self.finished else self.rounds / len(_ITERATIONS)
 
     def reached(self) -> StartReached:
-        """How far it had come when its last round was over, in whatever thread it is in the midst of another."""
+        """How far it had come when its last round was over; another thread may be in the midst of the next."""
         return replace(self._reached, numbers={**self._reached.numbers, "counted": float(self.counted)})
 
-    def _settle(self) -> None:
+    def settle(self) -> None:
+        """A round is over: this is how far it has come, until the next one is."""
         numbers = {name: float(getattr(self, name)) for name in _NUMBERS}
         multipliers = self._multipliers
         arrays = {"x": self.x, "values": multipliers.values, "crowding": multipliers.crowding}
@@ -223,7 +226,7 @@ class _Start:
         arrays = before.arrays
         self.x = arrays["x"]
         self._multipliers = Multipliers(arrays["values"], arrays["crowding"], before.numbers["penalty"])
-        self._settle()
+        self.settle()
 
     def advance(self, budget: Budget, tell: Callable[[Evaluation], None]) -> None:
         """Do one more round, as far as the time allows."""
@@ -255,7 +258,6 @@ class _Start:
             at, self._multipliers.penalty * (1.0 if enough else _PENALTY_GROWTH)
         )
         self._worst, self._before = at.worst, at.criterion
-        self._settle()
 
 
 class _Descent:
