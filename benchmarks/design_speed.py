@@ -30,8 +30,8 @@ from dynident.effects import EffectChoice
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.criteria.deciding import yardstick_of
 from dynident.excitation.observation.model import DesignModel, design_model
-from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.optimising import optimise
+from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.optimising.optimise import search
 from dynident.excitation.optimising.problem import DesignProblem
 from dynident.excitation.optimising.random_trajectories import Judge, random_candidates

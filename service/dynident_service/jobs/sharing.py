@@ -12,7 +12,7 @@ import pickle
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -100,19 +100,23 @@ class OtherWorkers:
         """Say who did what, and leave the cluster."""
         for address, count in self._done.items():
             log.info("%d parts were done by the worker at %s", count, address)
-        if self._client is not None:
-            self._client.close(timeout=PATIENCE)
+        self._disconnect()
 
     def _connected(self) -> Client:
         from distributed import Client
 
         if self._client is not None and self._client.status != "running":
-            self._client.close(timeout=PATIENCE)
-            self._client = None
+            self._disconnect()
         if self._client is None:
             logging.getLogger("distributed").setLevel(logging.ERROR)
             self._client = Client(self._colleagues.scheduler, timeout=f"{PATIENCE}s", set_as_default=False)
         return self._client
+
+    def _disconnect(self) -> None:
+        client, self._client = self._client, None
+        if client is not None:
+            with suppress(Exception):  # whatever became of the scheduler, what was computed counts
+                client.close(timeout=PATIENCE)
 
     def _have_done(self, client: Client, address: str, work: bytes, item: object, told: Progress) -> Any:
         try:
