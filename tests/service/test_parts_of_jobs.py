@@ -11,7 +11,7 @@ from service_helpers import SCIENCE, TWO_JOINTS
 from test_uploads import as_csv, sound
 
 from dynident.identification.robot_recordings import import_for_robot
-from dynident.recordings import RecordingMetadata, open_recording
+from dynident.recordings import Recording, RecordingMetadata, open_recording
 from dynident.recordings.sources import ParquetSource
 from dynident.robot import robot_from_modified_dh
 from dynident_service.jobs import sharing
@@ -44,12 +44,15 @@ def test_a_recording_goes_as_the_key_of_its_file_and_is_opened_in_the_store_of_w
     with pytest.raises(ProblemError, match="missing"):
         unpacked(content, there)
     found = unpacked(content, ObjectStore(here.url, tmp_path / "another"))
+    assert isinstance(found, Recording)
     assert (found.path, found.windows) == (stored, ((1.0, 4.0),))
     assert isinstance(found.source, ParquetSource)
     rows = [next(iter(one.source.rows(0, 100, 100))) for one in (recording, found)]
     np.testing.assert_array_equal(rows[0].q, rows[1].q)
     there.put_path(file)
-    assert unpacked(content, there).path == there.path(stored.name)
+    elsewhere = unpacked(content, there)
+    assert isinstance(elsewhere, Recording)
+    assert elsewhere.path == there.path(stored.name)
 
 
 def test_only_files_of_the_store_have_a_key(tmp_path: Path) -> None:

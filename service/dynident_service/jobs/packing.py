@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import pickle
 from pathlib import Path
-from typing import Any
 
 from dynident_service.storage.objects import ObjectStore
 
@@ -17,9 +16,10 @@ def packed(value: object, objects: ObjectStore) -> bytes:
     return content.getvalue()
 
 
-def unpacked(content: bytes, objects: ObjectStore) -> Any:
+def unpacked(content: bytes, objects: ObjectStore) -> object:
     """Unpack a value; files of the object store are at hand then. Raises what `ObjectStore.path` does."""
-    return _Unpacker(io.BytesIO(content), objects).load()
+    found: object = _Unpacker(io.BytesIO(content), objects).load()
+    return found
 
 
 class _Packer(pickle.Pickler):
@@ -37,6 +37,6 @@ class _Unpacker(pickle.Unpickler):
         super().__init__(content)
         self._objects = objects
 
-    def persistent_load(self, key: Any) -> Path:
+    def persistent_load(self, key: object) -> Path:
         """Where the file of a key is here."""
         return self._objects.path(str(key))

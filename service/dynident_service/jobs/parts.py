@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 from dynident.progress import Progress, silent
 from dynident_service.jobs.packing import unpacked
@@ -49,5 +49,5 @@ def _store(url: str, cache_dir: Path) -> ObjectStore:
 
 
 @lru_cache(maxsize=2)
-def _work(content: bytes, url: str, cache_dir: Path) -> Callable[[Any, Progress], Any]:
-    return cast(Callable[[Any, Progress], Any], unpacked(content, _store(url, cache_dir)))
+def _work(content: bytes, url: str, cache_dir: Path) -> Callable[[object, Progress], object]:
+    return cast(Callable[[object, Progress], object], unpacked(content, _store(url, cache_dir)))
