@@ -70,6 +70,12 @@ def main() -> None:
 
 def recorded(robot: Robot, folder: Path, samples: int, seed: int) -> Recording:
     """A recording of a random Fourier motion, with friction and noise."""
+    source = written(robot, folder, samples, seed)
+    return import_for_robot(robot, source, folder / f"kept-{source.name}", RecordingMetadata())[0]
+
+
+def written(robot: Robot, folder: Path, samples: int, seed: int) -> Path:
+    """The file of such a recording, where it was not written before."""
     folder.mkdir(exist_ok=True)
     source = folder / f"run-{seed}-{samples}.parquet"
     if not source.exists():
@@ -83,7 +89,7 @@ def recorded(robot: Robot, folder: Path, samples: int, seed: int) -> Recording:
         tau += 0.1 * rng.normal(size=tau.shape)
         columns = {f"{kind}{j + 1}": of[:, j] for kind, of in (("q", q), ("tau", tau)) for j in range(robot.n)}
         pq.write_table(pa.table({"t": t, **columns}), source)
-    return import_for_robot(robot, source, folder / f"kept-{source.name}", RecordingMetadata())[0]
+    return source
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording, SampleBlock
 from dynident.regressors.folding import EquationRows, folded
 from dynident.regressors.model import build_model
+from dynident.regressors.rows import reduce_and_keep
 from dynident.regressors.stream import SampleFunction, reduce_recordings
 from dynident.side_by_side import ahead, side_by_side
 
@@ -54,6 +55,17 @@ def test_the_factors_are_those_of_one_recording_after_the_other(monkeypatch: pyt
     # The filters leave out the ends.
     assert told[-1] > 0.8
     assert told == sorted(told)
+
+
+def test_rows_that_are_kept_are_those_of_their_recordings() -> None:
+    model, runs = build_model(ROBOT, DEFAULT_EFFECTS), [run(1, 40.0), run(2, 3.0), run(3, 3.0)]
+    preprocessing = Preprocessing(10.0, 10.0, 4)
+    _, rows = reduce_and_keep(model, runs, preprocessing, model.reference(np.zeros(model.n_parameters)))
+    assert rows is not None
+    for recording in runs:
+        kept = rows.of(recording, preprocessing)
+        assert kept is not None
+        assert kept[-1].t[-1] == pytest.approx(recording.segments[-1].length * recording.period, abs=0.5)
 
 
 def test_a_single_large_recording_is_evaluated_while_the_rows_before_are_folded(

@@ -28,6 +28,12 @@ class WithoutScience(Nursery):
     PROGRAM = (str(Path(__file__)), "without_science")
 
 
+class Sharing(Nursery):
+    """One with the science whose children share what is small, too, with other workers, and note who reduces what."""
+
+    PROGRAM = (str(Path(__file__)), "sharing")
+
+
 class StandingBack(Nursery):
     """One for small jobs whose children stand back as those of the service do."""
 
@@ -45,7 +51,11 @@ def main() -> None:
     child.HEARTBEAT = HEARTBEAT
     if what != "standing_back":
         child.STANDS_BACK = 0
-    if what != "with_science":
+    if what == "sharing":
+        from shared_parts import share_what_is_small
+
+        share_what_is_small()
+    elif what != "with_science":
         nursery.PRELOADED = ()
     nursery.main()
 

@@ -1,4 +1,4 @@
-"""What a request has computed by a child process: a function by name, its arguments, and its answer."""
+"""What a request or a part of a job has a child process compute: a function by name, its arguments, and its answer."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ class Call:
     arguments: Mapping[str, Any]
     request_id: str | None = field(default_factory=current_request)
     trace: str | None = field(default_factory=traces.current)
+    of_a_job: bool = False
+    """It stands back as far as a job does: no request waits for it."""
 
 
 @dataclass(frozen=True)

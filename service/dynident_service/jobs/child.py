@@ -26,6 +26,7 @@ from dynident.errors import Cancelled, DynidentError
 from dynident_service import traces
 from dynident_service.jobs.calls import Answer, Call, answer
 from dynident_service.jobs.checkpoints import KeptCheckpoints
+from dynident_service.jobs.sharing import sharing
 from dynident_service.jobs.work import PATIENCE, JobFunction, Memory, Outcome, Place, Task
 from dynident_service.logs import working_on
 from dynident_service.problems import Problem, ProblemError, make_problem, problem_of
@@ -143,7 +144,9 @@ class Workshop:
             if found is None:
                 raise LostClaim(claim.job_id)
         reporter, kept = Reporter(self.ledger, claim), KeptCheckpoints(Checkpointing(self.database), claim)
-        return function(Task(found, claim.arguments, self.resources, self.objects, self.memory, reporter, kept))
+        task = Task(found, claim.arguments, self.resources, self.objects, self.memory, reporter, kept)
+        with sharing(claim, self.place, self.objects):
+            return function(task)
 
 
 class Reporter:
@@ -232,17 +235,19 @@ def work(jobs: int, lifeline: int) -> None:
     if LogSettings().traces:
         _trace()
     workshop: Workshop | None = None
+    behind = False
     while True:
         try:
             order = connection.recv()
         except (EOFError, OSError):
             return
+        if not behind and (isinstance(order, Order) or order.of_a_job):
+            _give_way()
+            behind = True
         if isinstance(order, Call):
             line.send(answer(order, _peak_memory()))
             continue
         assert isinstance(order, Order)
-        if workshop is None:
-            _give_way()
         if workshop is None or workshop.place != order.place:
             workshop = Workshop(order.place)
         claim, trouble = order.claim, ""

@@ -150,6 +150,19 @@ class ChildPool:
                 self._users -= 1
                 self._lock.notify_all()
 
+    @contextlib.contextmanager
+    def in_use_if_spare(self) -> Iterator[bool]:
+        """The same if not all are needed already; tells whether it is so."""
+        with self._lock:
+            spare = self._users < self._size and not self.closed
+            self._users += spare
+        try:
+            yield spare
+        finally:
+            with self._lock:
+                self._users -= spare
+                self._lock.notify_all()
+
     def close(self, patience: float = 5.0) -> None:
         """Kill all children, and wait until those who supervised one have written down that it is gone."""
         with self._lock:

@@ -22,8 +22,16 @@ PATIENCE = 15 * 60.0
 
 
 @dataclass(frozen=True)
+class Colleagues:
+    """Addresses of a Dask scheduler and of the worker that a job is on; its other workers may do parts of the job."""
+
+    scheduler: str
+    own: str
+
+
+@dataclass(frozen=True)
 class Place:
-    """Where a child process finds the database and the objects."""
+    """Where a child process finds the database and the objects, and those who may help it."""
 
     database_url: str
     object_store_url: str
@@ -31,6 +39,7 @@ class Place:
     max_attempts: int
     deadline: float
     """Seconds that one attempt at a job may take."""
+    colleagues: Colleagues | None = None
 
 
 class Memory:

@@ -122,6 +122,12 @@ class ObjectStore:
             self._fetch(key, cached)
         return cached
 
+    def key_of(self, path: Path) -> str | None:
+        """Tell which object a local file is that `path` gave; None for any other file."""
+        key = path.name
+        place = self._cache_dir / key if self._folder is None else self._folder / _path(key)
+        return key if path == place and _KEY.fullmatch(key) else None
+
     def is_damaged(self, key: str) -> bool:
         """Read an object again from its store and compare it with its hash; one that is missing is damaged too."""
         sha256 = hashlib.sha256()

@@ -169,7 +169,8 @@ class Column:
 
     `name` is the parameter's name with the joint's number behind it, as in [12.1] ("ZZ2", "Fc3"). `energy` gives the
     row (1, 1) of stored energy, where the effect stores any, and `wrench` the reaction (6, 1) of the base, where it is
-    known: both called only by models that need them.
+    known: both called only by models that need them. In another process it has its names alone: what evaluates it is
+    made from the expressions before.
     """
 
     effect: str
@@ -182,6 +183,10 @@ class Column:
     energy: Callable[[], ca.SX] | None = None
     runs: tuple[str, ...] = ()
     wrench: Callable[[], ca.SX] | None = None
+
+    def __getstate__(self) -> dict[str, object]:
+        # CasADi's expressions cannot leave their process.
+        return {name: value for name, value in vars(self).items() if name not in ("torque", "energy", "wrench")}
 
     @property
     def key(self) -> tuple[str, str, tuple[tuple[str, float], ...], tuple[str, ...]]:

@@ -25,8 +25,10 @@ from dynident.motion.trajectories.motion import in_sequence
 from dynident.progress import Progress, ascending, silent
 from dynident.recordings import Recording
 from dynident.robot.model import Robot
+from dynident.threads import single_threaded
 
 
+@single_threaded
 def design_experiment(
     robot: Robot,
     request: DesignRequest,

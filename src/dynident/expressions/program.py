@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -22,7 +23,7 @@ class Program:
     """The structural non-zeros of one expression, to be evaluated at many samples.
 
     It is compiled when it first runs: models that are solved from reduced data alone never need it. Threads
-    may share it.
+    may share it, and it goes to another process as its instructions.
 
     Parameters
     ----------
@@ -41,6 +42,10 @@ class Program:
         nonzeros = outputs.nz[:] if outputs.nnz() else ca.SX(0, 1)
         self.n_outputs = int(nonzeros.numel())
         self._symbols, self._nonzeros = ca.vertcat(*inputs), nonzeros
+
+    def __getstate__(self) -> dict[str, Any]:
+        # CasADi's expressions cannot leave their process, its functions can.
+        return {"widths": self.widths, "n_outputs": self.n_outputs, "_function": self._function}
 
     @property
     def n_instructions(self) -> int:

@@ -88,14 +88,31 @@ def folded(
     in_turn : bool
         Whether the rows of one recording depend on those before, as a filter's do that goes on from one to the next.
     """
-    stretch = stretch_length(recordings)
+    one = Folding(rows_of, tuple(columns), n_columns, stretch_length(recordings), beside)
+    sizes = [recording.n_samples for recording in recordings]
+    return concatenate((one_by_one if in_turn else side_by_side)(one, recordings, sizes, progress))
 
-    def reduced(recording: Recording, told: Progress) -> Reduction:
-        accumulator = FactorAccumulator(columns, n_columns, stretch)
-        kept = [BesideAccumulator(len(own)) for own in columns] if beside else []
+
+@dataclass(frozen=True, eq=False)
+class Folding:
+    """Folds one recording as `folded` does; goes to another process where `rows_of` does.
+
+    `stretch`: length in s of what a factor is kept for.
+    """
+
+    rows_of: Callable[[Recording], Iterable[EquationRows]]
+    columns: tuple[IndexArray, ...]
+    n_columns: int
+    stretch: float
+    beside: bool
+
+    def __call__(self, recording: Recording, told: Progress) -> Reduction:
+        """Factors of a recording."""
+        accumulator = FactorAccumulator(self.columns, self.n_columns, self.stretch)
+        kept = [BesideAccumulator(len(own)) for own in self.columns] if self.beside else []
         segment, start = -1, recording.segments[0].start_time
         duration = recording.n_samples * recording.period
-        for part in rows_of(recording):
+        for part in self.rows_of(recording):
             if part.segment != segment:
                 accumulator.end_stretch()
                 segment = part.segment
@@ -106,9 +123,6 @@ def folded(
                 one.push_standing(rows.upper, rows.lower, rows.y)
             told(min(1.0, float(part.t[-1] - start) / duration), recording.name)
         return _with(accumulator.finish(), kept)
-
-    sizes = [one.n_samples for one in recordings]
-    return concatenate((one_by_one if in_turn else side_by_side)(reduced, recordings, sizes, progress))
 
 
 def _with(reduction: Reduction, beside: Sequence[BesideAccumulator]) -> Reduction:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from dynident.effects import Column
 from dynident.estimation import Reduction
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.folding import used_duration
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases, same_instants
@@ -63,27 +64,27 @@ def reduce_and_keep(
         Of a model that this one extends: only the columns behind it are evaluated, unless loads are predicted anew.
     """
     observation = model.observation
-    kept: list[tuple[FilteredSamples, ...]] = []
     usable = known if known is not None and _extends(observation, reference, known) else None
-    budget = MOST_VALUES
+    if _most_values(observation, recordings, preprocessing) > MOST_VALUES:
+        samples_of = _beside(usable, observation, model.at_rest, preprocessing, reference)
+        return reduce_recordings(
+            observation, recordings, preprocessing, reference, progress, samples_of, model.at_rest
+        ), None
+    kept: dict[Recording, tuple[FilteredSamples, ...]] = {}
 
-    def samples_of(recording: Recording) -> Iterator[FilteredSamples]:
-        nonlocal budget
-        collected: list[FilteredSamples] = []
+    def samples_and_keep(recording: Recording) -> Iterator[FilteredSamples]:
+        collected = []
         for samples in _samples(observation, model.at_rest, recording, preprocessing, reference, usable):
-            budget -= samples.values.size + samples.tau.size
-            if budget >= 0:
-                collected.append(samples)
+            collected.append(samples)
             yield samples
-        kept.append(tuple(collected))
+        kept[recording] = tuple(collected)
 
     reduction = reduce_recordings(
-        observation, recordings, preprocessing, reference, progress, samples_of, model.at_rest
+        observation, recordings, preprocessing, reference, progress, samples_and_keep, model.at_rest
     )
-    if budget < 0:
-        return reduction, None
     used = reference if model.needs_load else None
-    return reduction, KeptRows(observation, used, preprocessing, tuple(recordings), tuple(kept))
+    samples = tuple(kept[recording] for recording in recordings)
+    return reduction, KeptRows(observation, used, preprocessing, tuple(recordings), samples)
 
 
 def reduce_with_more(
@@ -107,10 +108,27 @@ def reduce_with_more(
     observation = model.observation.extended(more, model.signals)
     usable = known if known is not None and _extends(observation, reference, known) else None
 
-    def samples_of(recording: Recording) -> Iterator[FilteredSamples]:
-        return _samples(observation, None, recording, preprocessing, reference, usable)
-
+    samples_of = _beside(usable, observation, None, preprocessing, reference)
     return reduce_recordings(observation, recordings, preprocessing, reference, progress, samples_of)
+
+
+def _most_values(observation: Observation, recordings: Sequence[Recording], preprocessing: Preprocessing) -> float:
+    """How many entries the filtered rows of recordings have at most."""
+    seconds = sum(used_duration(recording) * recording.sampling_rate for recording in recordings)
+    return seconds / preprocessing.decimation * (len(observation.entry_rows) + observation.robot.n)
+
+
+def _beside(
+    known: KeptRows | None,
+    observation: Observation,
+    at_rest: Observation | None,
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+) -> Callable[[Recording], Iterator[FilteredSamples]] | None:
+    """What gives the samples of recordings beside those that are known; None where none are."""
+    if known is None:
+        return None
+    return lambda recording: _samples(observation, at_rest, recording, preprocessing, reference, known)
 
 
 def _samples(

@@ -276,29 +276,41 @@ def reduce_recordings(
     at_rest : Observation, optional
         The friction of the same columns at rest: what is left out is then kept beside the factors.
     """
-    n = observation.robot.n
-    layout = [observation.joint_entries(joint) for joint in range(n)]
-    resting = None if at_rest is None else AtRest(observation, at_rest)
+    rows_of = ObservationRows(observation, preprocessing, reference, samples_of, at_rest)
+    columns = [observation.joint_entries(joint)[1] for joint in range(observation.robot.n)]
+    return folded(rows_of, columns, observation.n_columns, recordings, progress, at_rest is not None)
 
-    def rows_of(recording: Recording) -> Iterator[EquationRows]:
-        phases = RowPhases.of(observation, recording, preprocessing)
-        if samples_of is None:
+
+@dataclass(frozen=True, eq=False)
+class ObservationRows:
+    """Makes the equations of a recording, one a joint, as `reduce_recordings` says; `samples_of` keeps it here."""
+
+    observation: Observation
+    preprocessing: Preprocessing
+    reference: FloatArray
+    samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None
+    at_rest: Observation | None = None
+
+    def __call__(self, recording: Recording) -> Iterator[EquationRows]:
+        """Its rows, as they come."""
+        observation, joints = self.observation, range(self.observation.robot.n)
+        layout = [observation.joint_entries(joint) for joint in joints]
+        resting = None if self.at_rest is None else AtRest(observation, self.at_rest)
+        phases = RowPhases.of(observation, recording, self.preprocessing)
+        if self.samples_of is None:
             given: Iterable[FilteredSamples] = filtered_samples(
-                observation, recording, preprocessing, reference, at_rest, phases
+                observation, recording, self.preprocessing, self.reference, self.at_rest, phases
             )
         else:
-            given = samples_of(recording)
+            given = self.samples_of(recording)
         for samples in given:
             rows = samples.rows(layout)
             phase = phases.at(samples.segment, samples.t)
             partial = phases.partial(samples.segment, samples.t, phase, samples.held)
             beside = None
             if resting is not None and samples.at_rest is not None:
-                beside = [resting.rows(joint, rows[joint], samples, phase, partial) for joint in range(n)]
+                beside = [resting.rows(joint, rows[joint], samples, phase, partial) for joint in joints]
             yield EquationRows(samples.t, rows, samples.segment, fitted(phase) | partial, beside)
-
-    columns = [columns for _, columns in layout]
-    return folded(rows_of, columns, observation.n_columns, recordings, progress, resting is not None)
 
 
 class AtRest:

@@ -1,14 +1,16 @@
 """Optimised periodic trajectories: augmented Lagrangian and L-BFGS with exact gradients, from several starts.
 
 A third of a start's iterations bring it most of the way and tell what it is worth. Starts are therefore tried in heats:
-all of a heat go that far, then they are finished in the order of what they have reached.
+all of a heat go that far, then they are finished in the order of what they have reached. As many are worked on at a
+time as there are processors, by threads: a start knows nothing of the others, so it reaches the same.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
+from threading import Lock
 
 import numpy as np
 from scipy.optimize import OptimizeResult, minimize
@@ -21,6 +23,7 @@ from dynident.excitation.optimising.random_trajectories import Candidate, Judge
 from dynident.excitation.optimising.reached import Reached, StartReached
 from dynident.motion.limits.shrinking import Shrinking
 from dynident.progress import Progress
+from dynident.side_by_side import WORTH, processors, side_by_side
 
 _PENALTY = 1.0
 _PENALTY_GROWTH = 4.0
@@ -87,37 +90,78 @@ def search(
     if before is not None:
         found = Optimisation(Candidate(before.best, judge.values(before.best)), before.completed, budget.spent)
     yield found
-    latest = [found]  # What is told of an iteration has the best of that moment.
     wanted = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
+    problems = [problem]
     for first in range(0 if before is None else before.first, wanted, _HEAT):
         heat = [_Start(problem, k, candidates[k].x) for k in range(first, min(first + _HEAT, wanted))]
         worth: dict[int, float] = {}
         if before is not None and before.first == first:
             for start, reached_before in zip(heat, before.starts, strict=False):
                 start.go_on_from(reached_before)
-
-        def told(start: _Start, at: Evaluation, before: int = first, heat: Sequence[_Start] = heat) -> None:
-            progress(
-                budget.fraction(before + sum(one.share_done for one in heat)),
-                f"start {start.number + 1}, iteration {start.iterations}: criterion {np.exp(at.criterion):.4g}, "
-                f"tightest limit at {100 * (1 + at.worst):.0f} %; best within the limits "
-                f"{latest[0].best.values.criterion:.4g}, best random {candidates[0].values.criterion:.4g}",
-            )
-
         for rounds in (_SKETCH, len(_ITERATIONS)):
-            for start in sorted(heat, key=lambda one: worth.get(one.number, 0.0)):
-                if start.counted or start.rounds > rounds:
-                    continue  # done before the search was stopped
+            ordered = sorted(heat, key=lambda one: worth.get(one.number, 0.0))
+            left = [one for one in ordered if not one.counted and one.rounds <= rounds]  # else done before it stopped
+            while left:
                 if budget.spent:
                     return
-                while start.rounds < rounds and not start.finished and not budget.spent:
-                    start.advance(budget, partial(told, start))
+                together, left = left[: processors()], left[processors() :]
+                problems += [problem.apart() for _ in together[len(problems) :]]
+                for start, own in zip(together, problems, strict=False):
+                    start.problem = own
+                telling = _Telling(candidates, found, first, heat, budget, progress, course.checkpoints)
+                _advance(together, rounds, telling)
+                for start in together:
+                    reached = _within_limits(start.x, shrinking, judge)
+                    worth[start.number] = np.inf if reached is None else reached.values.criterion
+                    found = _with(found, reached, start.finished, budget)
+                    start.counted = start.finished
+                    yield found
+                if any(start.counted for start in together):
                     course.checkpoints.keep(partial(_reached, candidates, found, first, heat, budget))
-                reached = _within_limits(start.x, shrinking, judge)
-                worth[start.number] = np.inf if reached is None else reached.values.criterion
-                found = latest[0] = _with(found, reached, start.finished, budget)
-                start.counted = start.finished
-                yield found
+
+
+def _advance(starts: Sequence[_Start], rounds: int, telling: _Telling) -> None:
+    """Bring starts so many rounds far, side by side, as far as the time allows."""
+
+    def advance(start: _Start, told: Progress) -> None:
+        while start.rounds < rounds and not start.finished and not telling.budget.spent:
+            start.advance(telling.budget, lambda at: told(0.0, telling.message(start, at)))
+            telling.keep(start)
+
+    side_by_side(advance, starts, [WORTH] * len(starts), telling)
+
+
+@dataclass(eq=False)
+class _Telling:
+    """Says how far a heat is, in the thread that began the search, and keeps it after every round of a start."""
+
+    candidates: Sequence[Candidate]
+    found: Optimisation
+    first: int
+    heat: Sequence[_Start]
+    budget: Budget
+    progress: Progress
+    checkpoints: Checkpoints
+    _one: Lock = field(default_factory=Lock)
+
+    def message(self, start: _Start, at: Evaluation) -> str:
+        """What is said of an iteration of a start."""
+        return (
+            f"start {start.number + 1}, iteration {start.iterations}: criterion {np.exp(at.criterion):.4g}, "
+            f"tightest limit at {100 * (1 + at.worst):.0f} %; best within the limits "
+            f"{self.found.best.values.criterion:.4g}, best random {self.candidates[0].values.criterion:.4g}"
+        )
+
+    def __call__(self, _: float, message: str) -> None:
+        """Tell it, with how far the whole search is; raises what stops the search."""
+        if message:
+            self.progress(self.budget.fraction(self.first + sum(one.share_done for one in self.heat)), message)
+
+    def keep(self, start: _Start) -> None:
+        """Keep a checkpoint after a round of a start, whose thread this is, if it is time."""
+        with self._one:
+            start.settle()
+            self.checkpoints.keep(partial(_reached, self.candidates, self.found, self.first, self.heat, self.budget))
 
 
 def _reached(
@@ -153,9 +197,11 @@ class _Start:
     _worst: float = np.inf
     _before: float = np.inf
     _multipliers: Multipliers = field(init=False)
+    _reached: StartReached = field(init=False)
 
     def __post_init__(self) -> None:
         self._multipliers = self.problem.no_multipliers(_PENALTY)
+        self.settle()
 
     @property
     def share_done(self) -> float:
@@ -163,11 +209,15 @@ class _Start:
         return 1.0 if self.finished else self.rounds / len(_ITERATIONS)
 
     def reached(self) -> StartReached:
-        """How far it has come."""
+        """How far it had come when its last round was over; another thread may be in the midst of the next."""
+        return replace(self._reached, numbers={**self._reached.numbers, "counted": float(self.counted)})
+
+    def settle(self) -> None:
+        """A round is over: this is how far it has come, until the next one is."""
         numbers = {name: float(getattr(self, name)) for name in _NUMBERS}
         multipliers = self._multipliers
         arrays = {"x": self.x, "values": multipliers.values, "crowding": multipliers.crowding}
-        return StartReached({**numbers, "penalty": multipliers.penalty}, arrays)
+        self._reached = StartReached({**numbers, "penalty": multipliers.penalty}, arrays)
 
     def go_on_from(self, before: StartReached) -> None:
         """Go on from where it was."""
@@ -176,6 +226,7 @@ class _Start:
         arrays = before.arrays
         self.x = arrays["x"]
         self._multipliers = Multipliers(arrays["values"], arrays["crowding"], before.numbers["penalty"])
+        self.settle()
 
     def advance(self, budget: Budget, tell: Callable[[Evaluation], None]) -> None:
         """Do one more round, as far as the time allows."""

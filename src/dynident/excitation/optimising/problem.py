@@ -64,6 +64,8 @@ class Evaluation:
 class DesignProblem:
     """Criterion and limits over the coefficients x (m, n) of a family; those of joints without range stay as they are.
 
+    For one thread at a time; see `apart`.
+
     Parameters
     ----------
     family : Family
@@ -88,6 +90,7 @@ class DesignProblem:
         self._model = model
         self._criterion = criterion
         self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
+        self._rows_of = rows
         self._row_model = row_model(rows, self.n_samples, family.period, family.highest_frequency)
         self._rows = ObservationGradient(model, self.n_samples, smooth_sign(model, bounds))
         b = model.n_parameters
@@ -103,6 +106,10 @@ class DesignProblem:
         room[0, ~self._moving] = np.inf
         # An absent limit has infinite room: its share is zero, and it never acts.
         self._per_room = 1.0 / (_SHARE_OF_LIMITS * room[:, None, :])
+
+    def apart(self) -> DesignProblem:
+        """The same for another thread: evaluations of one use the same memory."""
+        return DesignProblem(self.family, self._model, self._criterion, self.bounds, self._rows_of)
 
     def no_multipliers(self, penalty: float) -> Multipliers:
         """Where the augmented Lagrangian begins."""

@@ -1,0 +1,60 @@
+"""Who looks after a part of a job that another worker does: gives it to a child, kills that when the job ends."""
+
+from __future__ import annotations
+
+import logging
+
+from dynident_service.jobs.calls import Answer, Call
+from dynident_service.jobs.parts import Part, PartFailed
+from dynident_service.jobs.pool import ChildPool
+from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.patience import AWAY, reason_of
+from dynident_service.storage.turns import Claim
+
+LOOK = 1.0
+"""How often, in seconds, it is looked whether the job still goes on."""
+log = logging.getLogger("dynident.supervisor")
+
+
+def look_after(part: Part, pool: ChildPool, ledger: Ledger) -> bytes:
+    """Have a child do a part while its job goes on; gives the result, pickled.
+
+    Raises
+    ------
+    PartFailed
+    """
+    child = pool.take()
+    try:
+        child.send(_call(part))
+        while (answer := child.receive(LOOK)) is None:
+            if pool.closed or not _goes_on(part.claim, ledger):
+                raise PartFailed(f"job {part.claim.job_id} has ended meanwhile")
+    except EOFError as error:
+        pool.replace(child)
+        raise PartFailed("its process died") from error
+    except BaseException:
+        pool.replace(child)
+        raise
+    pool.put_back(child, answer)
+    if not isinstance(answer, Answer) or answer.problem is not None:
+        raise PartFailed(answer.problem.detail if isinstance(answer, Answer) and answer.problem else "no answer")
+    return bytes(answer.value)
+
+
+def _call(part: Part) -> Call:
+    asked = {
+        "job_id": part.claim.job_id,
+        "url": part.place.object_store_url,
+        "cache_dir": part.place.cache_dir,
+        "work": part.work,
+        "item": part.item,
+    }
+    return Call("dynident_service.jobs.parts:do", asked, part.claim.request_id, part.claim.trace, of_a_job=True)
+
+
+def _goes_on(claim: Claim, ledger: Ledger) -> bool:
+    try:
+        return ledger.standing(claim) == "held"
+    except AWAY as error:
+        log.warning("job %s: %s", claim.job_id, reason_of(error))
+        return True

@@ -1,0 +1,53 @@
+"""Parts of a job that another worker of a cluster does: what is sent, and what a child process does there."""
+
+from __future__ import annotations
+
+import logging
+import pickle
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import cast
+
+from dynident.progress import Progress, silent
+from dynident_service.jobs.packing import unpacked
+from dynident_service.jobs.work import Place
+from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.turns import Claim
+
+log = logging.getLogger("dynident.job")
+
+
+class PartFailed(Exception):
+    """A part was not done: its process died, it went wrong there, or nobody waits for it any more."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of a job: what is to be done, and to what, as `packing` packs it."""
+
+    claim: Claim
+    place: Place
+    work: bytes
+    item: bytes
+
+
+def do(job_id: str, url: str, cache_dir: Path, work: bytes, item: bytes) -> bytes:
+    """Do a part; what is to be done is kept for the next, as the machine code in it is."""
+    began = time.monotonic()
+    function, objects = _work(work, url, cache_dir), _store(url, cache_dir)
+    result = pickle.dumps(function(unpacked(item, objects), silent), pickle.HIGHEST_PROTOCOL)
+    log.info("did a part of job %s in %.1f s", job_id, time.monotonic() - began)
+    return result
+
+
+@lru_cache(maxsize=1)
+def _store(url: str, cache_dir: Path) -> ObjectStore:
+    return ObjectStore(url, cache_dir)
+
+
+@lru_cache(maxsize=2)
+def _work(content: bytes, url: str, cache_dir: Path) -> Callable[[object, Progress], object]:
+    return cast(Callable[[object, Progress], object], unpacked(content, _store(url, cache_dir)))

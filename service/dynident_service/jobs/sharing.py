@@ -1,0 +1,159 @@
+"""Large computations of a job on a cluster, of which other workers do parts while its own child does the others.
+
+The child is a client of the scheduler for that. Whatever fails on the way, a worker, the scheduler or the network, only
+costs that the child does those parts as well; and a worker takes parts only while it has nothing else to do, so jobs
+never wait for each other.
+"""
+
+from __future__ import annotations
+
+import logging
+import pickle
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from dynident.elsewhere import Busy, NotElsewhere, shared_with
+from dynident.errors import Cancelled
+from dynident.progress import Progress
+from dynident.version import __version__
+from dynident_service.jobs.packing import packed
+from dynident_service.jobs.parts import Part, PartFailed
+from dynident_service.jobs.work import Colleagues, Place
+from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.turns import Claim
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+WORTH = 4_000_000
+"""Samples from which on others are asked, some four seconds of work: the first part of a job takes one to get there."""
+MOST = 10_000_000
+"""Bytes of a part, beside the files that it names: more is not worth sending."""
+PATIENCE = 10.0
+"""Seconds for a scheduler to answer."""
+LOOK, CHECK = 0.1, 2.0
+"""How often, in seconds, it is looked whether a part is still waited for, and whether its worker is still there."""
+log = logging.getLogger("dynident.job")
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+
+@contextmanager
+def sharing(claim: Claim, place: Place, objects: ObjectStore) -> Iterator[None]:
+    """Let the other workers of the cluster, if the job is on one, do parts of what is computed meanwhile."""
+    if place.colleagues is None:
+        yield
+        return
+    others = OtherWorkers(claim, place, place.colleagues, objects)
+    try:
+        with shared_with(others):
+            yield
+    finally:
+        others.close()
+
+
+class OtherWorkers:
+    """Those of a cluster beside the one that a job is on; connected to when they are first needed."""
+
+    def __init__(self, claim: Claim, place: Place, colleagues: Colleagues, objects: ObjectStore) -> None:
+        self._claim = claim
+        self._place = place
+        self._colleagues = colleagues
+        self._objects = objects
+        self._client: Client | None = None
+        self._given_up = False
+        self._done: Counter[str] = Counter()
+
+    def places(
+        self, work: Callable[[_Item, Progress], _Result], size: float
+    ) -> Sequence[Callable[[_Item, Progress], _Result]]:
+        """One for each thread of each other worker; see `dynident.elsewhere.Elsewhere`."""
+        if size < WORTH or self._given_up:
+            return ()
+        try:
+            content = packed(work, self._objects)
+        except Exception as error:  # whatever is in it
+            log.debug("not shared, as it cannot be sent: %s", error)
+            return ()
+        if len(content) > MOST:
+            return ()
+        try:
+            client = self._connected()
+            workers = _threads(client)
+        except Exception as error:  # whatever a network does
+            log.warning("not shared, as the scheduler does not answer: %s: %s", type(error).__name__, error)
+            self._given_up = True
+            return ()
+        return [
+            partial(self._have_done, client, address, content)
+            for address, threads in workers.items()
+            if address != self._colleagues.own
+            for _ in range(threads)
+        ]
+
+    def close(self) -> None:
+        """Say who did what, and leave the cluster."""
+        for address, count in self._done.items():
+            log.info("%d parts were done by the worker at %s", count, address)
+        self._disconnect()
+
+    def _connected(self) -> Client:
+        from distributed import Client
+
+        if self._client is not None and self._client.status != "running":
+            self._disconnect()
+        if self._client is None:
+            logging.getLogger("distributed").setLevel(logging.ERROR)
+            self._client = Client(self._colleagues.scheduler, timeout=f"{PATIENCE}s", set_as_default=False)
+        return self._client
+
+    def _disconnect(self) -> None:
+        client, self._client = self._client, None
+        if client is not None:
+            with suppress(Exception):  # whatever became of the scheduler, what was computed counts
+                client.close(timeout=PATIENCE)
+
+    def _have_done(self, client: Client, address: str, work: bytes, item: object, told: Progress) -> Any:
+        try:
+            result = self._sent(client, address, work, packed(item, self._objects), told)
+        except (Cancelled, Busy):
+            raise
+        except Exception as error:  # whatever happens to a worker, a scheduler or a network
+            log.warning("a part comes back from the worker at %s: %s: %s", address, type(error).__name__, error)
+            raise NotElsewhere from error
+        self._done[address] += 1
+        return pickle.loads(result)
+
+    def _sent(self, client: Client, address: str, work: bytes, item: bytes, told: Progress) -> bytes:
+        from dynident_service.jobs.dask_worker import run_part
+
+        if len(item) > MOST or client.status != "running":
+            raise PartFailed("it cannot be sent")
+        part = Part(self._claim, self._place, work, item)
+        future = client.submit(run_part, part, __version__, workers=[address], pure=False)
+        try:
+            checked = time.monotonic()
+            while future.status == "pending":
+                told(0.0, "")
+                time.sleep(LOOK)
+                if time.monotonic() - checked >= CHECK:
+                    checked = time.monotonic()
+                    if address not in _threads(client, [address]):
+                        raise PartFailed("the worker is gone")
+            result: bytes | None = future.result(timeout=PATIENCE)
+        finally:
+            future.release()
+        if result is None:
+            raise Busy
+        return result
+
+
+def _threads(client: Client, workers: Sequence[str] | None = None) -> Mapping[str, int]:
+    """How many threads workers have that are there, all or some, by their addresses."""
+    found = client.nthreads(workers, callback_timeout=PATIENCE)
+    return {str(address): int(threads) for address, threads in found.items() if threads}

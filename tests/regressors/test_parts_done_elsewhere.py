@@ -1,0 +1,185 @@
+"""Recordings that others reduce elsewhere: the same factors, whoever is there, and however they fail."""
+
+from __future__ import annotations
+
+import pickle
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from oracles import arm, fourier_motion, pinocchio_torque, record
+
+from dynident import side_by_side as threads
+from dynident.effects import DEFAULT_EFFECTS, EffectChoice
+from dynident.elsewhere import Busy, NotElsewhere, shared_with
+from dynident.errors import Cancelled
+from dynident.progress import Progress, silent
+from dynident.recordings import Preprocessing, Recording
+from dynident.regressors import rows
+from dynident.regressors.model import build_model
+from dynident.regressors.rows import reduce_and_keep
+from dynident.side_by_side import side_by_side
+
+ROBOT = arm("scara")
+ITEMS = list(range(6))
+SIZES = [1.0] * len(ITEMS)
+
+
+@pytest.fixture(autouse=True)
+def worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the size, and the machine."""
+    monkeypatch.setattr(threads, "WORTH", 0)
+    monkeypatch.setattr(threads, "processors", lambda: 1)
+    monkeypatch.setattr(threads, "_ASK_AGAIN", 0.01)
+
+
+Place = Callable[[Any, Progress], Any]
+
+
+@dataclass
+class Others:
+    """Those elsewhere, each of whom does a part in its own way."""
+
+    makes: Sequence[Callable[[Place], Place]]
+    asked: list[float] = field(default_factory=list)
+
+    def places(self, work: Place, size: float) -> Sequence[Place]:
+        self.asked.append(size)
+        return [make(work) for make in self.makes]
+
+
+def here(item: int, told: Progress) -> tuple[int, str]:
+    time.sleep(0.02)
+    told(1.0, str(item))
+    return item, "here"
+
+
+def there(_: Place) -> Place:
+    return lambda item, told: (item, "there")
+
+
+def test_others_take_parts_and_the_answers_keep_their_order() -> None:
+    others, told = Others([there, there]), []
+    with shared_with(others):
+        found = side_by_side(here, ITEMS, SIZES, lambda fraction, _: told.append(fraction))
+    assert [item for item, _ in found] == ITEMS
+    assert {where for _, where in found} == {"here", "there"}
+    assert others.asked == [6.0]
+    assert told == sorted(told)
+    side_by_side(here, ITEMS, SIZES)
+    assert others.asked == [6.0]  # nobody is asked behind it
+
+
+def test_what_goes_wrong_elsewhere_is_done_here() -> None:
+    tries: list[int] = []
+
+    def fails(_: Place) -> Place:
+        def place(item: int, told: Progress) -> Any:
+            tries.append(item)
+            raise NotElsewhere
+
+        return place
+
+    with shared_with(Others([fails])):
+        assert side_by_side(here, ITEMS, SIZES) == [(item, "here") for item in ITEMS]
+    assert len(tries) == 1
+
+
+def test_whoever_is_busy_is_asked_again() -> None:
+    tries: list[int] = []
+
+    def busy_at_first(_: Place) -> Place:
+        def place(item: int, told: Progress) -> Any:
+            tries.append(item)
+            if len(tries) < 3:
+                raise Busy
+            return item, "there"
+
+        return place
+
+    with shared_with(Others([busy_at_first])):
+        found = side_by_side(here, ITEMS, SIZES)
+    assert [item for item, _ in found] == ITEMS
+    assert "there" in {where for _, where in found}
+
+
+def test_what_never_comes_back_is_done_here_and_no_longer_waited_for() -> None:
+    stopped = threading.Event()
+
+    def never(_: Place) -> Place:
+        def place(item: int, told: Progress) -> Any:
+            try:
+                while True:
+                    told(0.0, "")
+                    time.sleep(0.005)
+            finally:
+                stopped.set()
+
+        return place
+
+    with shared_with(Others([never])):
+        assert side_by_side(here, ITEMS, SIZES) == [(item, "here") for item in ITEMS]
+    assert stopped.is_set()
+
+
+def test_who_stops_the_whole_stops_those_elsewhere() -> None:
+    stopped = threading.Event()
+
+    def slow(_: Place) -> Place:
+        def place(item: int, told: Progress) -> Any:
+            try:
+                while True:
+                    told(0.0, "")
+                    time.sleep(0.005)
+            finally:
+                stopped.set()
+
+        return place
+
+    def endless(item: int, told: Progress) -> None:
+        while True:
+            told(0.5, "")
+            time.sleep(0.005)
+
+    def cancel(fraction: float, message: str) -> None:
+        raise Cancelled
+
+    with shared_with(Others([slow])), pytest.raises(Cancelled):
+        side_by_side(endless, ITEMS, SIZES, cancel)
+    assert stopped.is_set()
+
+
+def run(seed: int, seconds: float) -> Recording:
+    motion = fourier_motion(ROBOT, seconds, 200.0, seed)
+    return record(ROBOT, motion, pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq), f"run {seed}")
+
+
+def sent(work: Place) -> Place:
+    """As through another process: what is done, what it is done to and what comes of it are bytes on the way."""
+    packed = pickle.dumps(work)
+
+    def place(item: Recording, told: Progress) -> Any:
+        return pickle.loads(pickle.dumps(pickle.loads(packed)(pickle.loads(pickle.dumps(item)), silent)))
+
+    return place
+
+
+@pytest.mark.parametrize("effects", [DEFAULT_EFFECTS, [*DEFAULT_EFFECTS, EffectChoice("load_dependent_friction")]])
+def test_recordings_reduced_elsewhere_give_the_same_factors(
+    effects: Sequence[EffectChoice], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rows, "MOST_VALUES", 0)
+    model = build_model(ROBOT, effects)
+    reference = model.reference(np.full(model.n_parameters, 0.3))
+    runs = [run(seed, 4.0 + seed) for seed in range(4)]
+    alone, _ = reduce_and_keep(model, runs, Preprocessing(10.0, 10.0, 4), reference)
+    with shared_with(Others([sent, sent])):
+        shared, _ = reduce_and_keep(model, runs, Preprocessing(10.0, 10.0, 4), reference)
+    np.testing.assert_array_equal(alone.spans, shared.spans)
+    for one, other in zip(alone.equations, shared.equations, strict=True):
+        np.testing.assert_array_equal(one.factors, other.factors)
+        np.testing.assert_array_equal(one.counts, other.counts)

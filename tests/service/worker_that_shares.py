@@ -1,0 +1,9 @@
+"""What a Dask worker of the tests loads before it begins whose children share what is small, too."""
+
+from __future__ import annotations
+
+from nurseries import Sharing
+
+from dynident_service.jobs.nursery import Nursery
+
+Nursery.PROGRAM = Sharing.PROGRAM
