@@ -206,6 +206,31 @@ def test_what_nature_forbids_takes_the_name_of_its_own_shadow_alone(monkeypatch,
     assert (found and found[0].candidate.effect) == named
 
 
+@pytest.mark.parametrize(("left", "named"), [(0.9, "joint_spring"), (0.1, None)])
+def test_what_a_payload_of_some_runs_explains_away_is_no_spring_though_the_payload_is_too_small_to_be_told(
+    monkeypatch, left, named
+):
+    gains = np.linspace(1.0, 2.0, 40)
+    spring, carried = judged(gains, columns=(6,), name="joint_spring"), judged(4.0 * gains, name="payload")
+    carried = replace(carried, candidate=replace(carried.candidate, runs=("2",)))
+    state = State((), np.ones(1), np.ones(1), ())
+    monkeypatch.setattr(choosing, "acceptable", lambda state, data, item: item is not carried)
+    monkeypatch.setattr(choosing, "too_small_for_runs", lambda state, data, item: item is carried)
+    monkeypatch.setattr(choosing, "plausible", lambda data, pool, base, noise, item: True)
+    monkeypatch.setattr(choosing, "judge_all", lambda *_: [judged(left * gains, columns=(6,), name="joint_spring")])
+    found = choosing.choose(rows_of(turns=False), None, state, [carried, spring])
+    assert (found and found[0].candidate.effect) == named
+
+
+def test_what_would_reach_far_beyond_the_data_is_no_finding_though_it_is_no_chance():
+    data = SimpleNamespace(counts=lambda columns: np.ones((40, 1)))
+    state = State((), np.ones(1), 0.1 * np.ones(1), ())
+    gains, rows = np.linspace(1.0, 2.0, 40), np.ones((40, 1))
+    seen = judged(gains, name="viscous_asymmetric", p=1e-3, t=4.0, drop=0.3, before=2.0 * rows, after=rows)
+    assert acceptable(state, data, replace(seen, separability=0.1))
+    assert not acceptable(state, data, replace(seen, separability=0.03))
+
+
 def test_warmth_that_says_nearly_as_much_of_it_leaves_no_wear(monkeypatch):
     gains = np.linspace(1.0, 2.0, 40)
     worn = judged(gains, name="coulomb")

@@ -54,6 +54,22 @@ LARGE_DROP, JOINT_T_OF_LARGE = 0.3, 1.5
 
 def acceptable(state: State, data: PhasedProducts, item: JudgedCandidate) -> bool:
     """Whether a candidate is a finding."""
+    return _surely_there(state, data, item) and _of_enough(state, item)
+
+
+def too_small_for_runs(state: State, data: PhasedProducts, item: JudgedCandidate) -> bool:
+    """Whether a candidate would be a finding, were it not of some runs and too small for that."""
+    return bool(item.candidate.runs) and not _of_enough(state, item) and _surely_there(state, data, item)
+
+
+def _of_enough(state: State, item: JudgedCandidate) -> bool:
+    """Whether a candidate explains so much as one of some runs alone has to."""
+    if not item.candidate.runs:
+        return True
+    return item.drop >= (_LEAST_OF_CHANGE if is_change(item.candidate.choice, state.since) else _LEAST_OF_RUNS)
+
+
+def _surely_there(state: State, data: PhasedProducts, item: JudgedCandidate) -> bool:
     effect = effect_by_id(item.candidate.effect)
     if item.separability < VISIBLE or not item.passes or too_small(state, data, item):
         return False
@@ -64,11 +80,7 @@ def acceptable(state: State, data: PhasedProducts, item: JudgedCandidate) -> boo
     if any(shadowed(item, finding.judged, state.floor) for finding in state.picks):
         return False
     # What pulls at two joints, and explains one of them alone, is a function of that joint.
-    if effect.pulls_on_each and not all(gains_on(state, data, item, j) for j in item.joints):
-        return False
-    if not item.candidate.runs:
-        return True
-    return item.drop >= (_LEAST_OF_CHANGE if is_change(item.candidate.choice, state.since) else _LEAST_OF_RUNS)
+    return not effect.pulls_on_each or all(gains_on(state, data, item, j) for j in item.joints)
 
 
 def too_small(state: State, data: PhasedProducts, item: JudgedCandidate) -> bool:

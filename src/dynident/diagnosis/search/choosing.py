@@ -12,7 +12,7 @@ from dynident.diagnosis.candidates.plausible import plausible
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, other_name, share_found_again
 from dynident.diagnosis.residuals.stretches import t_of
-from dynident.diagnosis.search.acceptance import VISIBLE, acceptable, gains_on, too_small
+from dynident.diagnosis.search.acceptance import VISIBLE, acceptable, gains_on, too_small, too_small_for_runs
 from dynident.diagnosis.search.state import State, judge_all
 from dynident.effects import effect_by_id
 from dynident.effects.catalogue import is_change
@@ -23,6 +23,8 @@ _AS_MUCH = 0.9
 """Of what a change explains: warmth that says so much of it leaves nothing that need have changed."""
 # What gains so much of it still once the chosen effect is in the model is another finding, and no rival.
 _STILL = 0.5
+# Of what gains more, so many are asked whether they explain the chosen one away.
+_SHADOWS = 3
 # A rival that gains so much of what the chosen effect does is told from it by this t of the difference.
 _NEARLY, _DECIDED = 0.97, 1.5
 
@@ -40,6 +42,7 @@ def choose(
     passing = [item for item in large if id(item) in natural]
     unnatural = [item for item in large if id(item) not in natural]
     doubted: list[JudgedCandidate] = []
+    shy = [item for item in judged if too_small_for_runs(state, data, item)]
     while passing:
         best, equal = simplest(_each_its_own(passing))
         plainer = _plainer(data, pool, state, best, judged)
@@ -59,7 +62,8 @@ def choose(
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
             by_itself = whole or acceptable(state, data, replace(slim, p=chosen.p))
-            if by_itself and _shows_where_joints_move(data, pool, state, slim):
+            shows = by_itself and _shows_where_joints_move(data, pool, state, slim)
+            if shows and not _shadow(data, pool, state, slim, shy):
                 told = equal + _rivals(slim, judged, equal)
                 return replace(slim, p=chosen.p), told + says_more(state, slim, passing, told)
         else:
@@ -146,6 +150,28 @@ def _shows_where_joints_move(data: PhasedProducts, pool: Pool, state: State, cho
         return True
     (item,) = judge_all(data, pool, state.base, [chosen.candidate], state.noise, kinds=(False, starts))
     return item.error_drop >= SMALLEST_ERROR_DROP
+
+
+def _shadow(
+    data: PhasedProducts, pool: Pool, state: State, chosen: JudgedCandidate, shy: Sequence[JudgedCandidate]
+) -> bool:
+    """Whether something of some runs gains clearly more, and beside it the chosen one, of all runs, is nothing.
+
+    A payload leaves what a spring says in part. That it is too small to be told makes no spring of it.
+    """
+    places = set(chosen.joints)
+    larger = [
+        item
+        for item in shy
+        if not places.isdisjoint(item.joints)
+        and item.candidate.runs != chosen.candidate.runs
+        and gains_more(item, chosen)
+    ]
+    for item in sorted(larger, key=lambda item: -item.total_gain)[:_SHADOWS]:
+        (beside,) = judge_all(data, pool, state.base + item.candidate.columns, [chosen.candidate], state.noise)
+        if beside.total_gain < _STILL * chosen.total_gain:
+            return True
+    return False
 
 
 def _told_by_more(
