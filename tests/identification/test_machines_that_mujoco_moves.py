@@ -151,7 +151,12 @@ def with_friction(rubbed: Rubbed, n_runs: int) -> tuple[Identification, list[tup
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("rubbed", "n_runs"),
-    [(FIVE_BAR, 2), (PALLETISER, 6), (SIX_AXIS, 4), pytest.param(DELTA, 4, marks=pytest.mark.thorough)],
+    [
+        (FIVE_BAR, 2),
+        (SIX_AXIS, 4),
+        pytest.param(PALLETISER, 6, marks=pytest.mark.thorough),
+        pytest.param(DELTA, 4, marks=pytest.mark.thorough),
+    ],
     ids=lambda given: given.name if isinstance(given, Rubbed) else str(given),
 )
 def test_friction_of_passive_joints_leaves_little_more_than_noise_where_they_move(rubbed: Rubbed, n_runs: int) -> None:

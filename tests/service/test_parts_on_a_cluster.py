@@ -154,6 +154,7 @@ def test_a_worker_that_is_killed_in_the_middle_only_costs_time(stored: Stored, t
     assert as_alone(found, stored)
 
 
+@pytest.mark.thorough
 def test_a_process_that_is_killed_in_the_middle_of_a_part_only_costs_time(stored: Stored, team: Team) -> None:
     with serving(stored, team) as client:
         identification, _ = begin(client, stored)
@@ -162,6 +163,7 @@ def test_a_process_that_is_killed_in_the_middle_of_a_part_only_costs_time(stored
     assert as_alone(found, stored)
 
 
+@pytest.mark.thorough
 def test_a_scheduler_that_is_killed_in_the_middle_only_costs_time(stored: Stored, team: Team) -> None:
     with serving(stored, team) as client:
         identification, _ = begin(client, stored)
@@ -186,6 +188,7 @@ def test_a_job_that_is_cancelled_ends_its_parts(stored: Stored, team: Team) -> N
     assert len(notes_in(team.notes)) == reached
 
 
+@pytest.mark.thorough
 def test_jobs_on_all_workers_do_not_wait_for_each_other(stored: Stored, team: Team) -> None:
     with serving(stored, team) as client:
         begun = [begin(client, stored)[0] for _ in range(3)]

@@ -13,7 +13,7 @@ from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.robot.model import Robot
 
-LINE_RATIO = 18.0
+LINE_RATIO = 24.0
 """Times its surroundings from which on a line stands out (`benchmarks/lines_over_angles.py`).
 
 It is only where to look: what a line explains has to pass the test of everything else."""
