@@ -15,7 +15,7 @@ from test_scoring_and_gate import judged
 from dynident.diagnosis import compare, diagnose
 from dynident.diagnosis.candidates.gate import JudgedCandidate
 from dynident.diagnosis.search import choosing
-from dynident.diagnosis.search.acceptance import acceptable, shadowed
+from dynident.diagnosis.search.acceptance import acceptable, shadowed, too_small_for_runs
 from dynident.diagnosis.search.state import State
 from dynident.diagnosis.search.sticking import Halts, extrapolated, halts_of
 from dynident.effects import CATALOGUE, EffectChoice
@@ -220,6 +220,19 @@ def test_what_a_payload_of_some_runs_explains_away_is_no_spring_though_the_paylo
     monkeypatch.setattr(choosing, "judge_all", lambda *_: [judged(left * gains, columns=(6,), name="joint_spring")])
     found = choosing.choose(rows_of(turns=False), None, state, [carried, spring])
     assert (found and found[0].candidate.effect) == named
+
+
+def test_what_some_runs_have_is_a_finding_from_half_of_the_error_on_and_below_it_too_small_for_one():
+    data = SimpleNamespace(counts=lambda columns: np.ones((40, 1)))
+    state = State((), np.ones(1), 0.1 * np.ones(1), ())
+    rows = np.ones((40, 1))
+    carried = judged(np.linspace(1.0, 2.0, 40), name="payload", p=1e-3, before=2.0 * rows, after=rows)
+    carried = replace(carried, candidate=replace(carried.candidate, runs=("2",)))
+    for drop, p, told, small in ((0.6, 1e-3, True, False), (0.3, 1e-3, False, True), (0.3, 0.5, False, False)):
+        item = replace(carried, drop=drop, p=p)
+        assert (acceptable(state, data, item), too_small_for_runs(state, data, item)) == (told, small)
+    everywhere = replace(carried, drop=0.3, candidate=replace(carried.candidate, runs=()))
+    assert not too_small_for_runs(state, data, everywhere)
 
 
 def test_what_would_reach_far_beyond_the_data_is_no_finding_though_it_is_no_chance():

@@ -107,10 +107,10 @@ def test_whoever_is_busy_is_asked_again() -> None:
     assert "there" in {where for _, where in found}
 
 
-def test_what_never_comes_back_is_done_here_and_no_longer_waited_for() -> None:
-    stopped = threading.Event()
+def never(stopped: threading.Event) -> Callable[[Place], Place]:
+    """Somebody elsewhere who works on an item until nobody waits for it any more."""
 
-    def never(_: Place) -> Place:
+    def of(_: Place) -> Place:
         def place(item: int, told: Progress) -> Any:
             try:
                 while True:
@@ -121,24 +121,18 @@ def test_what_never_comes_back_is_done_here_and_no_longer_waited_for() -> None:
 
         return place
 
-    with shared_with(Others([never])):
+    return of
+
+
+def test_what_never_comes_back_is_done_here_and_no_longer_waited_for() -> None:
+    stopped = threading.Event()
+    with shared_with(Others([never(stopped)])):
         assert side_by_side(here, ITEMS, SIZES) == [(item, "here") for item in ITEMS]
     assert stopped.is_set()
 
 
 def test_who_stops_the_whole_stops_those_elsewhere() -> None:
     stopped = threading.Event()
-
-    def slow(_: Place) -> Place:
-        def place(item: int, told: Progress) -> Any:
-            try:
-                while True:
-                    told(0.0, "")
-                    time.sleep(0.005)
-            finally:
-                stopped.set()
-
-        return place
 
     def endless(item: int, told: Progress) -> None:
         while True:
@@ -148,7 +142,7 @@ def test_who_stops_the_whole_stops_those_elsewhere() -> None:
     def cancel(fraction: float, message: str) -> None:
         raise Cancelled
 
-    with shared_with(Others([slow])), pytest.raises(Cancelled):
+    with shared_with(Others([never(stopped)])), pytest.raises(Cancelled):
         side_by_side(endless, ITEMS, SIZES, cancel)
     assert stopped.is_set()
 

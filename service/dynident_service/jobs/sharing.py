@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 WORTH = 4_000_000
-"""Samples from which on others are asked, some four seconds of work: the first part of a job takes one to get there."""
+"""Samples from which on others are asked, some seconds of work: the first part of a job waits half a one for Dask."""
 MOST = 10_000_000
 """Bytes of a part, beside the files that it names: more is not worth sending."""
 PATIENCE = 10.0
