@@ -15,8 +15,9 @@ from alembic import command
 from dask_cluster import Cluster, wrong_clock
 from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS, app_of, let_leases_run_out, wait_for
-from sqlalchemy import text
+from sqlalchemy import event, text
 
+from dynident_service.problems import make_problem
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage import ledger as ledger_module
@@ -54,6 +55,32 @@ def test_postgresql_keeps_the_same_tables_and_takes_no_job_twice(postgresql: str
     for thread in threads:
         thread.join()
     assert len(taken) == len(set(taken)) == 100
+    database.close()
+
+
+def test_who_follows_a_job_that_ends_just_then_is_told_the_end_with_the_last_event_or_after_it(postgresql: str) -> None:
+    database = Database(postgresql)
+    migrate(database)
+    ledger = Ledger(database)
+    job_id = ledger.enqueue(JOB)
+    (claim,) = ledger.claim(slots=1)
+    ending = threading.Event()
+
+    def end(*_: Any) -> None:
+        if not ending.is_set():
+            ending.set()
+            ledger.fail(claim, make_problem(422, "no rows are left"))
+
+    event.listen(database.engine, "after_cursor_execute", end)
+    try:
+        events, is_over = ledger.history(job_id)
+    finally:
+        event.remove(database.engine, "after_cursor_execute", end)
+    assert ending.is_set()
+    assert is_over == (events[-1].data["state"] == "failed")
+    later, is_over = ledger.history(job_id, after=events[-1].id)
+    assert is_over
+    assert [one.data["state"] for one in (*events, *later)] == ["queued", "running", "failed"]
     database.close()
 
 

@@ -89,7 +89,7 @@ def back_up(database: Database, objects: ObjectStore, target: Path) -> Amount:
     All rows are of one moment; objects are written after them, and what is deleted meanwhile is still kept for a while.
     """
     with files_to_write(target) as files:
-        with _at_one_moment(database) as connection:
+        with database.one_moment() as connection:
             counts = {table.name: write_rows(files, table.name, _rows(connection, table)) for table in tables()}
             owned = connection.execute(select(ObjectRow.key, ObjectRow.size).distinct()).all()
             revision = revision_of(connection)
@@ -159,14 +159,6 @@ def known_revisions(connection: Connection) -> set[str]:
     """All migrations that this version knows: archives of these can be read."""
     scripts = ScriptDirectory.from_config(configuration(connection))
     return {script.revision for script in scripts.walk_revisions()}
-
-
-@contextmanager
-def _at_one_moment(database: Database) -> Iterator[Connection]:
-    """A transaction that sees nothing of what is written meanwhile."""
-    level = {} if database.is_sqlite else {"isolation_level": "REPEATABLE READ"}
-    with database.engine.execution_options(**level).connect() as connection, connection.begin():
-        yield connection
 
 
 def _rows(connection: Connection, table: Table) -> Iterator[Any]:

@@ -59,7 +59,7 @@ KINDS = {prefix: kind for kind, prefix in PREFIXES.items()}
 
 def export_robot(database: Database, objects: ObjectStore, robot_id: str, target: Path) -> Amount:
     """Write a robot and all that rests on it into an archive; what is still being computed is left out."""
-    with files_to_write(target) as files, database.engine.connect() as connection, connection.begin():
+    with files_to_write(target) as files, database.one_moment() as connection:
         if connection.execute(select(ResourceRow.kind).where(ResourceRow.id == robot_id)).scalar() != "robot":
             raise DynidentError(f"there is no robot {robot_id!r}", title="Unknown resource")
         ids = _family(connection, robot_id)

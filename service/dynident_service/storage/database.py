@@ -28,6 +28,9 @@ class Database:
 
     On SQLite a writing transaction begins with `BEGIN IMMEDIATE`: a transaction that began by reading could not be
     promoted once another process has written, whatever the busy timeout.
+
+    A reading session sees one moment of the database, however many statements it takes: by itself on SQLite, by
+    `REPEATABLE READ` on PostgreSQL. Who wants to see what others wrote meanwhile opens another.
     """
 
     def __init__(self, url: str) -> None:
@@ -35,13 +38,21 @@ class Database:
         self.is_sqlite = make_url(url).get_backend_name() == "sqlite"
         self.engine = _sqlite_engine(url) if self.is_sqlite else _postgresql_engine(url)
         self._writer = self.engine.execution_options(**{WRITES: True})
+        one_moment: dict[str, Any] = {} if self.is_sqlite else {"isolation_level": "REPEATABLE READ"}
+        self._reader = self.engine.execution_options(**one_moment)
         self._turn: AbstractContextManager[object] = _turn_of(url) if self.is_sqlite else nullcontext()
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        """Open a session that only reads."""
-        with Session(self.engine, expire_on_commit=False) as session:
+        """Open a session that only reads, all as it is at its first statement."""
+        with Session(self._reader, expire_on_commit=False) as session:
             yield session
+
+    @contextmanager
+    def one_moment(self) -> Iterator[Connection]:
+        """Open a connection that only reads, as `read`."""
+        with self._reader.connect() as connection, connection.begin():
+            yield connection
 
     @contextmanager
     def write(self) -> Iterator[Session]:
