@@ -147,6 +147,8 @@ class IdentificationOptions(TypedDict, total=False):
     """Of the sequential strategy"""
     strategy: Literal["global", "sequential", "separate_friction"]
     """Parameters at a time"""
+    weigh_turns: bool
+    """Of joints' torques by wls or feasible: rows where a joint turns round count by a noise of their own"""
 
 
 class Limits(TypedDict, total=False):

@@ -93,12 +93,12 @@ def test_without_the_effect_in_the_data_the_constant_is_not_determined():
 
 
 def test_a_given_constant_that_the_data_would_have_elsewhere_is_said_to_be():
-    given = replace(STRIBECK, shape=(("delta", 2.0), ("vs", 0.165)))
+    given = replace(STRIBECK, shape=(("delta", 2.0), ("vs", 0.16)))
     found = constant(identified(RUN, given), "vs")
-    assert found.value == 0.165
+    assert found.value == 0.16
     assert found.judgement == "elsewhere"
     assert found.interval is not None
-    assert found.interval[0] < VS < found.interval[1] < 0.165
+    assert found.interval[0] < VS < found.interval[1] < 0.16
     far = constant(identified(RUN, replace(STRIBECK, shape=(("delta", 2.0), ("vs", 0.4)))), "vs")
     assert (far.judgement, far.interval) == ("elsewhere", None)
     assert "smaller" in far.note

@@ -58,7 +58,7 @@ def test_right_columns_stay_right_where_a_fit_explains_another_order_better_by_c
     assert found
 
 
-@pytest.mark.parametrize("seed", [2, 3, 13])
+@pytest.mark.parametrize("seed", [3, 5, 33])
 def test_of_several_orders_that_explain_more_the_one_is_named_that_the_description_bears_out(seed: int) -> None:
     found, _ = mistakes_in(ROBOT, recorded(seed, (0, 2, 1, 3, 4, 5))) or ((), 1.0)
     assert [one.mistake for one in found] == [Mistake("torques swapped", (1, 2))]

@@ -12,7 +12,7 @@ import pytest
 from dynident.diagnosis import diagnose
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, extend, identify
-from dynident.recordings import RecordedJoints, Recording, RecordingMetadata, import_recording
+from dynident.recordings import Preprocessing, RecordedJoints, Recording, RecordingMetadata, import_recording
 from dynident.robot import Robot, robot_from_urdf
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
@@ -180,21 +180,30 @@ def test_an_airbot_play_is_predicted_and_its_poor_motion_is_warned_of(read):
     assert held_out(extend(plain, found.recommended, [training], [validation])) < 0.95 * held_out(plain)
 
 
-def test_a_kr300_whose_motion_is_too_small_is_warned_of_and_gets_no_invented_effects(read):
+@pytest.mark.parametrize("unseen", ["val_B", "val_C"])
+def test_a_kr300_whose_motion_is_too_small_is_warned_of_and_gets_no_invented_effects(read, unseen):
     arm = robot("kr300")
     training = read(arm, "id_A")
-    plain = identify(arm, [training], [read(arm, "val_B")], CHOICES)
-    assert held_out(plain) < 0.43
+    plain = identify(arm, [training], [read(arm, unseen)], CHOICES)
+    # As good as with its links' masses as drawn, a payload and friction, which its publishers report (15 and 14 %).
+    assert held_out(plain) < 0.17
     assert not plain.inertia_matrix_positive_definite
     assert any("condition number" in warning for warning in plain.warnings)
-    assert any("error on validation data" in warning for warning in plain.warnings)
     assert diagnose(plain, [training]).recommended == ()
+
+
+def test_rows_where_a_kr300_turns_round_do_not_outweigh_its_small_motion(read):
+    arm = robot("kr300")
+    training, validation = read(arm, "id_A"), [read(arm, name) for name in ("val_B", "val_C")]
+    alike = identify(arm, [training], validation, replace(CHOICES, weigh_turns=False))
+    assert held_out(identify(arm, [training], validation, CHOICES)) < 0.5 * held_out(alike)
 
 
 def test_what_a_kr300s_predicted_torque_explains_at_first_alone_is_not_recommended_and_it_is_said_why(read):
     arm = robot("kr300")
     training = read(arm, "id_A")
-    told = diagnose(identify(arm, [training]), [training])
+    alike = IdentificationChoices(preprocessing=Preprocessing(6.0, 6.0, 10))
+    told = diagnose(identify(arm, [training], [], alike), [training])
     assert "drive_gain_saturation" not in {choice.effect for choice in told.recommended}
     reasons = [one.reason for one in told.not_visible if one.effect == "drive_gain_saturation"]
     assert any("in one that is identified with it" in reason for reason in reasons)

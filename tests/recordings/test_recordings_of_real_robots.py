@@ -146,4 +146,6 @@ def test_degrees_beside_radians_are_refused(kind, tmp_path):
 )
 def test_the_filter_that_is_chosen_suits_the_robot(name, low, high, tmp_path):
     recording, _ = imported(DATA / f"{name}.parquet", tmp_path / "stored")
-    assert low <= choose_preprocessing([recording]).position_cutoff <= high
+    chosen = choose_preprocessing([recording])
+    assert low <= chosen.torque_cutoff <= high
+    assert chosen.torque_cutoff <= chosen.position_cutoff <= 1.5 * chosen.torque_cutoff

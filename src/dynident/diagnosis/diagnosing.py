@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from dynident.diagnosis.wrong_names import found_beside, helps_only_at_first, mi
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.effects.catalogue import is_change
 from dynident.errors import DynidentError
-from dynident.identification import Identification, extend
+from dynident.identification import Identification, extend, reidentify
 from dynident.identification.equations.data import motions_and_friction
 from dynident.identification.study.extending import extend_at_once
 from dynident.progress import Progress, part, silent
@@ -114,6 +114,7 @@ def examine(
     n_later = len(recordings)
     if baseline:
         identification, recordings, since = together(identification, baseline, recordings)
+    identification = _evenly(identification)
     model = identification.model
     comparisons = [compare(identification, recording, part(progress, 0.0, 0.1)) for recording in recordings]
     resolved = resolution(comparisons, identification.preprocessing)
@@ -178,6 +179,14 @@ def examine(
     )
     doubts = doubts_of(picks, recommended, hidden, model.robot, first, candidates or ())
     return Examination(diagnosis, doubts, identification, tuple(comparisons), tuple(recordings))
+
+
+def _evenly(identification: Identification) -> Identification:
+    """The model from rows that count alike: what is missing in its friction shows where joints turn round."""
+    choices, estimate = identification.choices, identification.estimate
+    if not choices.weighs_turns or not choices.plan.from_reduced or estimate.not_essential:
+        return identification
+    return reidentify(identification, replace(choices, weigh_turns=False))
 
 
 def _start(data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray) -> State:

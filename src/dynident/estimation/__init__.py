@@ -4,7 +4,7 @@ from dynident.estimation.beside import Apart, Beside, BesideAccumulator, distanc
 from dynident.estimation.bootstrap import Bootstrap, Drawing, bootstrap
 from dynident.estimation.correlation import correlation_factor, effective_rows
 from dynident.estimation.essential import Elimination, EliminationPath, eliminate
-from dynident.estimation.factors import EquationFactors, FactorAccumulator, Reduction, concatenate
+from dynident.estimation.factors import EquationFactors, FactorAccumulator, Reduction, concatenate, told_apart
 from dynident.estimation.information import Information, known_values
 from dynident.estimation.instrumental import InstrumentalSolution, instrumental
 from dynident.estimation.least_squares import (
@@ -16,6 +16,7 @@ from dynident.estimation.least_squares import (
     errors,
     moving_errors,
     noise_levels,
+    noise_of_rows,
     ordinary,
     share_of_measured,
     solve,
@@ -24,6 +25,8 @@ from dynident.estimation.least_squares import (
 )
 from dynident.estimation.linearised import Linearised, linearised
 from dynident.estimation.statistics import CovarianceName, Statistics, freedom_of_rows, statistics
+from dynident.estimation.turned import Turned
+from dynident.estimation.turning_noise import turning_weights
 
 __all__ = [
     "Apart",
@@ -44,6 +47,7 @@ __all__ = [
     "Reduction",
     "Solution",
     "Statistics",
+    "Turned",
     "bootstrap",
     "concatenate",
     "condition_number",
@@ -59,10 +63,13 @@ __all__ = [
     "linearised",
     "moving_errors",
     "noise_levels",
+    "noise_of_rows",
     "ordinary",
     "share_of_measured",
     "solve",
     "statistics",
+    "told_apart",
+    "turning_weights",
     "weighted",
     "weighted_factor",
 ]

@@ -7,7 +7,7 @@ solving, weighting an equation, leaving a stretch out and choosing fewer columns
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.estimation.beside import Beside, beside_all
 from dynident.estimation.triangles import join, squared, triangular
+from dynident.estimation.turned import Turned
 from dynident.estimation.whitening import Whitened, whitened
 
 
@@ -24,13 +25,15 @@ class EquationFactors:
 
     `columns` (p,) are the parameters that the equation contains; `factors` (s, p + 1, p + 1) the triangular factor of
     [W | Y] of every stretch, Y last; `counts` (s,) the number of rows each stands for. `beside`: what was measured of
-    the equation and is not fitted to, or is told apart.
+    the equation and is not fitted to, or is told apart; `turned`: rows where the joint turns round, which are in the
+    factors with the weight that they have there.
     """
 
     columns: IndexArray
     factors: FloatArray
     counts: IndexArray
     beside: Beside | None = None
+    turned: Turned | None = None
 
     def __repr__(self) -> str:
         rows = int(self.counts.sum())
@@ -66,11 +69,21 @@ class EquationFactors:
         where = {int(column): position for position, column in enumerate(self.columns)}
         chosen = [(new, where[int(old)]) for new, old in enumerate(columns) if int(old) in where]
         picked = [position for _, position in chosen] + [len(self.columns)]
-        factors = triangular(self.factors[:, :, picked]) if len(self.factors) else self.factors
         beside = None if self.beside is None else self.beside.select([position for _, position in chosen])
-        return EquationFactors(
-            np.array([new for new, _ in chosen], dtype=np.intp), squared(factors), self.counts, beside
-        )
+        numbers = np.array([new for new, _ in chosen], dtype=np.intp)
+        if self.turned is not None:
+            return self._of(numbers, self.turned.select(picked), beside)
+        factors = triangular(self.factors[:, :, picked]) if len(self.factors) else self.factors
+        return EquationFactors(numbers, squared(factors), self.counts, beside)
+
+    def weighing_turns(self, weight: float) -> EquationFactors:
+        """The same where the square of a row at which the joint turns round counts for so much beside another's."""
+        if self.turned is None or self.turned.weight == weight:
+            return self
+        return self._of(self.columns, replace(self.turned, weight=weight), self.beside)
+
+    def _of(self, columns: IndexArray, turned: Turned, beside: Beside | None) -> EquationFactors:
+        return EquationFactors(columns, turned.together, self.counts, beside, turned)
 
     def combined(self, weights: FloatArray) -> EquationFactors:
         """The same rows with columns that are combinations of these; `weights` (c, c') from all columns to the new."""
@@ -79,8 +92,10 @@ class EquationFactors:
         k = len(self.columns)
         whole = np.zeros((k + 1, len(chosen) + 1))
         whole[:k, :-1], whole[k, -1] = own[:, chosen], 1.0
-        factors = triangular(self.factors @ whole) if len(self.factors) else np.zeros((0, *whole.shape[1:] * 2))
         beside = None if self.beside is None else self.beside.combined(whole)
+        if self.turned is not None:
+            return self._of(chosen.astype(np.intp), self.turned.combined(whole), beside)
+        factors = triangular(self.factors @ whole) if len(self.factors) else np.zeros((0, *whole.shape[1:] * 2))
         return EquationFactors(chosen.astype(np.intp), squared(factors), self.counts, beside)
 
     def changed(self, change: FloatArray, columns: IndexArray) -> EquationFactors:
@@ -136,6 +151,16 @@ class Reduction:
         """The same data with columns that are combinations of these: W' = W weights, weights (c, c')."""
         return Reduction(weights.shape[1], tuple(e.combined(weights) for e in self.equations), self.spans)
 
+    def weighing_turns(self, weights: FloatArray) -> Reduction:
+        """The same data where rows at which joints turn round count for weights (n,), their squares beside others'."""
+        pairs = zip(self.equations, weights, strict=True)
+        return replace(self, equations=tuple(equation.weighing_turns(float(weight)) for equation, weight in pairs))
+
+    @property
+    def alike(self) -> Reduction:
+        """The same data where every row counts alike."""
+        return self.weighing_turns(np.ones(len(self.equations)))
+
     def stretches(self, indices: Sequence[int]) -> Reduction:
         """Only these stretches of time."""
         picked = list(indices)
@@ -146,16 +171,31 @@ class Reduction:
 def concatenate(parts: Sequence[Reduction]) -> Reduction:
     """Put data sets with the same columns behind one another."""
     first = parts[0]
-    equations = tuple(
-        EquationFactors(
-            first.equations[j].columns,
-            np.concatenate([part.equations[j].factors for part in parts]),
-            np.concatenate([part.equations[j].counts for part in parts]),
-            beside_all([part.equations[j].beside for part in parts]),
-        )
-        for j in range(len(first.equations))
-    )
+    equations = tuple(_behind([part.equations[j] for part in parts]) for j in range(len(first.equations)))
     return Reduction(first.n_columns, equations, np.concatenate([part.spans for part in parts]))
+
+
+def _behind(parts: Sequence[EquationFactors]) -> EquationFactors:
+    """The same equation in several data sets; where joints turn round is told only where all of them know it."""
+    told = [part.turned for part in parts if part.turned is not None]
+    return EquationFactors(
+        parts[0].columns,
+        np.concatenate([part.factors for part in parts]),
+        np.concatenate([part.counts for part in parts]),
+        beside_all([part.beside for part in parts]),
+        Turned.joined(told) if len(told) == len(parts) else None,
+    )
+
+
+def told_apart(both: Reduction) -> Reduction:
+    """One equation a joint from 2 n: n of the rows where no joint turns round, and behind them n of the others."""
+    n = len(both.equations) // 2
+    equations = []
+    for steady, turning in zip(both.equations[:n], both.equations[n:], strict=True):
+        turned = Turned.apart(steady.factors, turning.factors, turning.counts)
+        counts = steady.counts + turning.counts
+        equations.append(EquationFactors(steady.columns, turned.together, counts, steady.beside, turned))
+    return replace(both, equations=tuple(equations))
 
 
 class FactorAccumulator:

@@ -117,8 +117,8 @@ def weighted_factor(reduction: Reduction, noise: FloatArray, known: Information 
 
 
 def condition_number(reduction: Reduction) -> float:
-    """cond(W), [12.12], of the observation matrix as it is: no equation weighted, nothing known beside the data."""
-    return _condition(weighted_factor(reduction, np.ones(len(reduction.equations)))[:-1, :-1])
+    """cond(W), [12.12], of W as it is: no equation or row weighted, nothing known beside the data."""
+    return _condition(weighted_factor(reduction.alike, np.ones(len(reduction.equations)))[:-1, :-1])
 
 
 def equilibrated_condition_number(reduction: Reduction, noise: FloatArray) -> float:
@@ -166,21 +166,28 @@ def moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
 
 
 def fitted_errors(reduction: Reduction, values: FloatArray) -> Errors:
-    """The residual of parameters χ (c,) on the rows that are fitted to."""
-    squares, measured, counts = [], [], []
-    for equation in reduction.equations:
-        k = len(equation.columns)
-        rest = equation.joined[:, k] - equation.joined[:, :k] @ values[equation.columns]
-        squares.append(float(rest @ rest))
-        measured.append(float(equation.joined[:, k] @ equation.joined[:, k]))
-        counts.append(float(equation.counts.sum()))
-    return Errors(np.array(squares), np.array(measured), np.array(counts))
+    """The residual of parameters χ (c,) on the rows that are fitted to, each of which counts alike."""
+    squares, measured = weighed_squares(reduction, values), []
+    for k, equation in enumerate(reduction.equations):
+        own = float(equation.joined[:, -1] @ equation.joined[:, -1])
+        if equation.turned is not None:
+            lacks = 1.0 - equation.turned.weight
+            squares[k] += lacks * equation.turned.squares(values[equation.columns])
+            own += lacks * equation.turned.measured
+        measured.append(own)
+    return Errors(squares, np.array(measured), reduction.row_counts)
+
+
+def weighed_squares(reduction: Reduction, values: FloatArray) -> FloatArray:
+    """(n,): squared residual of parameters χ (c,) in every equation, its rows as they are weighed there."""
+    rests = (e.joined[:, -1] - e.joined[:, :-1] @ values[e.columns] for e in reduction.equations)
+    return np.array([float(rest @ rest) for rest in rests])
 
 
 def share_of_measured(reduction: Reduction, change: FloatArray) -> float:
     """||W Δχ|| / ||Y||: what a change of the parameters (c,) changes, as a share of what was measured."""
     squares = measured = 0.0
-    for equation in reduction.equations:
+    for equation in reduction.alike.equations:
         k = len(equation.columns)
         moved = equation.joined[:, :k] @ change[equation.columns]
         squares += float(moved @ moved)
@@ -290,10 +297,21 @@ def noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray:
 
 
 def residual_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """(n,): standard deviation of every equation's residual, [12.7] with the parameters shared out over the rows."""
-    found = fitted_errors(reduction, values)
+    """(n,): standard deviation of every equation's residual, [12.7] with the parameters shared out over the rows.
+
+    Of rows as they are weighed within their equation; `noise_of_rows` has each count alike.
+    """
+    return _deviation(reduction, weighed_squares(reduction, values))
+
+
+def noise_of_rows(reduction: Reduction, values: FloatArray) -> FloatArray:
+    """(n,): standard deviation of the residual of all rows of every equation that are fitted to, weighed or not."""
+    return _deviation(reduction, fitted_errors(reduction, values).squares)
+
+
+def _deviation(reduction: Reduction, squares: FloatArray) -> FloatArray:
     share = max(1.0 - reduction.n_columns / max(reduction.n_rows, 1), 0.1)
-    return np.asarray(np.sqrt(found.squares / np.maximum(found.counts * share, 1)))
+    return np.asarray(np.sqrt(squares / np.maximum(reduction.row_counts * share, 1)))
 
 
 def floored(sigma: FloatArray) -> FloatArray:

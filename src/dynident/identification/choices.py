@@ -72,7 +72,7 @@ class IdentificationChoices:
     distance is the same in every frame, `entropic`). `pole` is a of [12.29] in rad/s,
     for the filtered model, `interval` t_b - t_a of [12.43] in s, for the energy model, `preprocessing` the filters:
     None where the data decide. `tolerance` decides which columns count as dependent. `covariance`: what of the
-    residuals is taken to be correlated (`estimation.statistics`).
+    residuals is taken to be correlated (`estimation.statistics`). `weigh_turns`: see `estimation.turned`.
     """
 
     effects: tuple[EffectChoice, ...] = said("What acts on the joints", default=DEFAULT_EFFECTS, option="-")
@@ -102,6 +102,11 @@ class IdentificationChoices:
         "or nothing",
         default="by_time_and_joints",
         kinds=COVARIANCES,
+    )
+
+    weigh_turns: bool = said(
+        "Of joints' torques by wls or feasible: rows where a joint turns round count by a noise of their own",
+        default=True,
     )
 
     def __post_init__(self) -> None:
@@ -169,6 +174,11 @@ class IdentificationChoices:
     def least_squares_of_torque(self) -> bool:
         """Whether parameters are least squares of the joints' torques; those with shapes uncertain are then, too."""
         return self.model == "dynamic" and self.plan.at_once and self.solver.from_reduced
+
+    @property
+    def weighs_turns(self) -> bool:
+        """Whether rows of the joints' torques count by their noise where a joint turns round."""
+        return self.weigh_turns and self.model == "dynamic" and self.solver.weighs_turns
 
     def _check_prior(self) -> None:
         if self.trust.of_bodies and not self.solver.possible_bodies:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dynident.estimation import CovarianceName, Information
+import numpy as np
+
+from dynident.estimation import CovarianceName, Information, turning_weights
 from dynident.identification.asked import Trust
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.data import Data
@@ -29,7 +31,7 @@ class Problem:
 
     @classmethod
     def of(cls, model: Model, choices: IdentificationChoices, data: Data) -> Problem:
-        """All parameters from all data, with what the chosen prior says of them.
+        """All parameters from all data, with what the chosen prior says of them, and rows weighed as is chosen.
 
         Raises
         ------
@@ -37,4 +39,6 @@ class Problem:
             Where the description has nothing that the prior could believe.
         """
         trust = choices.trust
-        return cls(model, data, prior_of(model, trust), choices.covariance, trust)
+        known = prior_of(model, trust)
+        weights = turning_weights(data.torque, known) if choices.weighs_turns else np.ones(len(data.torque.equations))
+        return cls(model, data.weighing_turns(weights), known, choices.covariance, trust)

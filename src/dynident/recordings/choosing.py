@@ -26,6 +26,12 @@ NOISE_SHARE = 0.05
 LEAST_HARMONICS = 4.0
 """However large the noise, so many harmonics of the motion are kept."""
 
+WIDER, WIDER_NOISE_SHARE = 1.4, 0.01
+"""The position cut-off over the torque's, where noise is so small a share of the acceleration even there. What the
+filter of the positions takes away below the torque's cut-off lacks in W, while the torque has it: half of it at the
+cut-off itself, or 6 % where theirs lies half an octave higher. Of machines whose joints break loose that is most of
+the error."""
+
 NYQUIST_SHARE = 0.7
 """A cut-off nearer to the Nyquist frequency filters nothing."""
 
@@ -43,16 +49,18 @@ class _Bands:
     motion: float
     noise: float
     noise_rms: float
+    little_noise: float
+    """Up to here noise is a small share yet."""
 
 
 def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     """Choose cut-off frequencies and decimation for recordings that are identified together ("auto").
 
-    The position cut-off is 15 times the band that holds 99 % of the velocity's power (the median over the joints that
+    The torque cut-off is 15 times the band that holds 99 % of the velocity's power (the median over the joints that
     move, the widest of the recordings), but no more than the frequency up to which differentiating the position noise
-    (encoder quantisation, mostly) twice stays below 5 % of the motion's own acceleration. The torque cut-off is the
-    same: what is above it can not be explained by filtered positions. Rows are decimated to no less than 4
-    times it.
+    (encoder quantisation, mostly) twice stays below 5 % of the motion's own acceleration: what is above it cannot be
+    explained by filtered positions. Theirs lies half an octave higher, as far as that share stays below 1 % there. Rows
+    are decimated to no less than 4 times the torque cut-off.
 
     Raises
     ------
@@ -66,9 +74,11 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     motion = max(bands.motion for bands in found)
     noisiest = min(found, key=lambda bands: bands.noise)
     wanted, ceiling = HARMONICS * motion, NYQUIST_SHARE * 0.5 * rate
-    cutoff = min(wanted, max(noisiest.noise, LEAST_HARMONICS * motion), ceiling)
-    cutoff = _rounded(cutoff)
-    because = f"Position cut-off {cutoff:g} Hz: the motion lies below {motion:.2g} Hz (99 % of the velocity's power)"
+    cutoff = _rounded(min(wanted, max(noisiest.noise, LEAST_HARMONICS * motion), ceiling))
+    wider = min(WIDER * wanted, min(bands.little_noise for bands in found), ceiling)
+    position = max(cutoff, _rounded(wider))
+    first = "Torque" if position > cutoff else "Position"
+    because = f"{first} cut-off {cutoff:g} Hz: the motion lies below {motion:.2g} Hz (99 % of the velocity's power)"
     if wanted <= min(noisiest.noise, ceiling):
         because += f", and {HARMONICS:g} times that keeps its products and the corners of friction."
     elif noisiest.noise < ceiling:
@@ -78,7 +88,8 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
         )
     else:
         because += f"; the sampling rate of {rate:.4g} Hz carries nothing useful above {ceiling:.3g} Hz."
-    return _with_decimation(Preprocessing(cutoff, cutoff, 1, 4, (because, _about_torque(cutoff))), rate)
+    other = _about_positions(position) if position > cutoff else _about_torque(cutoff)
+    return _with_decimation(Preprocessing(position, cutoff, 1, 4, (because, other)), rate)
 
 
 def motion_band(recordings: Sequence[Recording]) -> float:
@@ -150,6 +161,10 @@ def _with_decimation(chosen: Preprocessing, rate: float) -> Preprocessing:
     return replace(chosen, decimation=decimation, reasons=(*chosen.reasons, because))
 
 
+def _about_positions(cutoff: float) -> str:
+    return f"Position cut-off {cutoff:g} Hz: higher, so that this filter takes away little of what explains the torque."
+
+
 def _about_torque(cutoff: float | None) -> str:
     if cutoff is None:
         return "No parallel filter, as asked."
@@ -170,18 +185,21 @@ def _bands(found: Spectra) -> _Bands:
     step = found.frequency[1]
     gain = found.velocity_gain[:, None]
     noise = found.noise * gain
-    motion, limit = [], []
+    motion: list[float] = []
+    limit: list[float] = []
+    little: list[float] = []
     power = np.maximum(found.velocity - noise, 0.0)
     moving = np.flatnonzero(power.sum(axis=0) > MOVING**2 * power.sum(axis=0).max())
     for joint in moving:
         band = _band(found.velocity[:, joint], noise[:, joint])
         if power[:band, joint].sum() <= 0.0:
             continue
-        share = np.cumsum(power[:band, joint]) / power[:band, joint].sum()
-        motion.append(found.frequency[int(np.searchsorted(share, MOTION_SHARE))])
+        below = np.cumsum(power[:band, joint]) / power[:band, joint].sum()
+        motion.append(found.frequency[int(np.searchsorted(below, MOTION_SHARE))])
         own = float((power[:band, joint] * gain[:band, 0]).sum())
         spoiled = np.cumsum(noise[:, joint] * gain[:, 0])
-        limit.append(found.frequency[min(int(np.searchsorted(spoiled, NOISE_SHARE**2 * own)), len(gain) - 1)])
+        for share, limits in ((NOISE_SHARE, limit), (WIDER_NOISE_SHARE, little)):
+            limits.append(found.frequency[min(int(np.searchsorted(spoiled, share**2 * own)), len(gain) - 1)])
     rms = np.sqrt(found.noise[moving] * 0.5 * found.rate)
     if not motion:
         raise RecordingError(
@@ -189,7 +207,8 @@ def _bands(found: Spectra) -> _Bands:
             pointer="/preprocessing",
             title="No motion",
         )
-    return _Bands(max(float(np.median(motion)), step), max(float(np.median(limit)), step), float(np.median(rms)))
+    band, noise_at = (max(float(np.median(frequencies)), step) for frequencies in (motion, limit))
+    return _Bands(band, noise_at, float(np.median(rms)), float(np.median(little)))
 
 
 def _band(power: FloatArray, noise: FloatArray) -> int:

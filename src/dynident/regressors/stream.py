@@ -10,7 +10,7 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.effects import RunSignal
 from dynident.effects.memory import MemoryStates
-from dynident.estimation import Reduction
+from dynident.estimation import Reduction, told_apart
 from dynident.progress import Progress, silent
 from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
 from dynident.recordings.phases import Phase, PhaseArray
@@ -277,19 +277,41 @@ def reduce_recordings(
         The friction of the same columns at rest: what is left out is then kept beside the factors.
     """
     rows_of = ObservationRows(observation, preprocessing, reference, samples_of, at_rest)
-    columns = [observation.joint_entries(joint)[1] for joint in range(observation.robot.n)]
-    return folded(rows_of, columns, observation.n_columns, recordings, progress, at_rest is not None)
+    return folded(rows_of, _columns(observation), observation.n_columns, recordings, progress, at_rest is not None)
+
+
+def reduce_by_phase(
+    observation: Observation,
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: FloatArray,
+    progress: Progress = silent,
+    samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None,
+    at_rest: Observation | None = None,
+) -> Reduction:
+    """The same as `reduce_recordings`, with rows where joints turn round told apart, so that they may be weighed."""
+    rows_of = ObservationRows(observation, preprocessing, reference, samples_of, at_rest, by_phase=True)
+    columns = 2 * _columns(observation)
+    return told_apart(folded(rows_of, columns, observation.n_columns, recordings, progress, at_rest is not None))
+
+
+def _columns(observation: Observation) -> list[IndexArray]:
+    return [observation.joint_entries(joint)[1] for joint in range(observation.robot.n)]
 
 
 @dataclass(frozen=True, eq=False)
 class ObservationRows:
-    """Makes the equations of a recording, one a joint, as `reduce_recordings` says; `samples_of` keeps it here."""
+    """Makes the equations of a recording, one a joint, as `reduce_recordings` says; `samples_of` keeps it here.
+
+    `by_phase`: two a joint, the second n of the rows where joints turn round, the first of all others.
+    """
 
     observation: Observation
     preprocessing: Preprocessing
     reference: FloatArray
     samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None
     at_rest: Observation | None = None
+    by_phase: bool = False
 
     def __call__(self, recording: Recording) -> Iterator[EquationRows]:
         """Its rows, as they come."""
@@ -310,7 +332,11 @@ class ObservationRows:
             beside = None
             if resting is not None and samples.at_rest is not None:
                 beside = [resting.rows(joint, rows[joint], samples, phase, partial) for joint in joints]
-            yield EquationRows(samples.t, rows, samples.segment, fitted(phase) | partial, beside)
+            used = fitted(phase) | partial
+            if self.by_phase:
+                turns = phase == Phase.REVERSING
+                rows, used = rows + rows, np.hstack([used & ~turns, used & turns])
+            yield EquationRows(samples.t, rows, samples.segment, used, beside)
 
 
 class AtRest:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
@@ -34,6 +36,16 @@ class Data:
     reference: FloatArray
     rows: KeptRows | None = None
     friction: tuple[Recording, ...] = ()
+
+    @property
+    def weights(self) -> FloatArray:
+        """(n,): what rows of the joints' torques count for where a joint turns round; 1 where it is not told apart."""
+        return np.array([1.0 if e.turned is None else e.turned.weight for e in self.torque.equations])
+
+    def weighing_turns(self, weights: FloatArray) -> Data:
+        """The same where these rows count for weights (n,)."""
+        torque = self.torque.weighing_turns(weights)
+        return replace(self, torque=torque, equations=torque if self.equations is self.torque else self.equations)
 
 
 def motions_and_friction(recordings: Sequence[Recording]) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:

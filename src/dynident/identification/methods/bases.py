@@ -21,7 +21,8 @@ class Estimator(Kind, ABC):
     """Solves the equations of the data for χ; a dataclass whose fields are the options that it alone takes.
 
     `from_reduced`: it needs the reduced data alone, and gives least squares of the joints' torques where these are its
-    equations. `in_steps`: it solves any part of the equations. `weighted`: joints count by their noise.
+    equations. `in_steps`: it solves any part of the equations. `weighted`: joints count by their noise;
+    `weighs_turns`: so do rows where a joint turns round, beside its others.
     `simulates`: it integrates the dynamic model along the recordings. `possible_bodies`: what it finds are bodies that
     can exist. `tells_convergence`: its own warnings say whether it has
     settled. `priors`: names of those that it is compared with when methods are.
@@ -30,6 +31,7 @@ class Estimator(Kind, ABC):
     from_reduced: ClassVar[bool] = False
     in_steps: ClassVar[bool] = False
     weighted: ClassVar[bool] = True
+    weighs_turns: ClassVar[bool] = False
     simulates: ClassVar[bool] = False
     possible_bodies: ClassVar[bool] = False
     tells_convergence: ClassVar[bool] = False

@@ -250,6 +250,8 @@ def whole_motion_of(recording: Recording) -> tuple[Motion, float] | None:
         choice = choose_preprocessing([recording])
     except DynidentError:
         return None
+    # Both filtered alike: positions go through both filters here, and fits of them are only held against each other.
+    choice = replace(choice, position_cutoff=choice.torque_cutoff)
     n = recording.n
 
     def values(block: SampleBlock) -> FloatArray:

@@ -55,9 +55,13 @@ def conclude(
     check_reduction(model, data.equations, problem.known)
     if choices.model != "base_wrench":
         check_torque(model, data.torque)
+    data = problem.data
+    reduced = replace(reduced, equations=data.equations, training=data.torque)
     found = fit(choices, problem)
     values = found.solution.values
     with_shapes = None if shaped is None else shaped(values)
+    if with_shapes is not None:
+        with_shapes = with_shapes.weighing_turns(data.weights)
     looked = None if with_shapes is None else _with_shapes_uncertain(problem, found, with_shapes)
     if part_of is None:
         smallest = smallest_inertia_eigenvalue(model, values)

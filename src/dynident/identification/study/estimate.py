@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.arrays import FloatArray
 from dynident.effects import role_of
 from dynident.effects.written import constant_in_words
-from dynident.estimation import Solution, Statistics, noise_levels
+from dynident.estimation import Solution, Statistics, noise_of_rows
 from dynident.estimation.deviations import owed_to_known
 from dynident.identification.parameters.judgement import ParameterJudgement, judged
 from dynident.identification.parameters.standard import StandardParameters
@@ -97,7 +97,7 @@ class Estimate:
         shape_constants: tuple[ShapeConstant, ...] = (),
     ) -> Estimate:
         """A solution with what its data say of it beside the statistics."""
-        noise = statistics.noise if data.fitted_to_torque else noise_levels(data.training, solution.values)
+        noise = noise_of_rows(data.training, solution.values)
         owed = owed_to_known(data.equations, solution)
         return cls(model, reference, solution, statistics, noise, owed, standard, not_essential, shape_constants)
 

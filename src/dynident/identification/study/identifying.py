@@ -53,15 +53,7 @@ def identify(
     preprocessing = choices.preprocessing or choose_preprocessing(ordinary)
     rows, preprocessing = with_constants(choices.rows_asked, ordinary, preprocessing)
     check_shapes_given(choices.effects)
-    effects, reference = prepared(
-        robot,
-        choices.effects,
-        choices.trust,
-        ordinary,
-        preprocessing,
-        part(progress, 0.0, 0.5),
-        tolerance=choices.tolerance,
-    )
+    effects, reference = prepared(robot, choices, ordinary, preprocessing, part(progress, 0.0, 0.5))
     choices = replace(choices, effects=effects, pole=rows.pole, interval=rows.interval)
     model = build_model(robot, choices.effects, tolerance=choices.tolerance)
     return identify_model(model, recordings, validation, choices, preprocessing, reference, part(progress, 0.5, 1.0))

@@ -7,27 +7,24 @@ from collections.abc import Sequence
 from dynident.arrays import FloatArray
 from dynident.effects import LINKS, EffectChoice, ReferenceParameters, effect_by_id
 from dynident.errors import DynidentError
-from dynident.estimation import weighted
-from dynident.identification.asked import Trust
+from dynident.estimation import turning_weights, weighted
+from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.checks import check_reduction
 from dynident.identification.prior.prior import prior_of
 from dynident.identification.shapes.shapes import complete_shapes, lacks_shape
 from dynident.progress import Progress, part
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import build_model
-from dynident.regressors.stream import reduce_recordings
+from dynident.regressors.stream import reduce_by_phase
 from dynident.robot.model import Robot
 
 
 def prepared(
     robot: Robot,
-    effects: tuple[EffectChoice, ...],
-    trust: Trust,
+    choices: IdentificationChoices,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
     progress: Progress,
-    *,
-    tolerance: float,
 ) -> tuple[tuple[EffectChoice, ...], FloatArray]:
     """The effects with every shape constant found, and the standard inertial parameters for load predictions.
 
@@ -38,6 +35,7 @@ def prepared(
     DynidentError
         Where such effects stand alone, or the data do not determine the first fit.
     """
+    effects = choices.effects
     plain = tuple(c for c in effects if not effect_by_id(c.effect).needs_load and not lacks_shape(c))
     if len(plain) == len(effects):
         return effects, ReferenceParameters.nothing(robot).vector
@@ -46,11 +44,13 @@ def prepared(
             "effects that depend on the load or whose shape is to be found need rigid_body beside them",
             pointer="/effects",
         )
-    first = build_model(robot, plain, tolerance=tolerance)
+    first = build_model(robot, plain, tolerance=choices.tolerance)
     nothing = ReferenceParameters.nothing(robot).vector
-    reduction = reduce_recordings(first.observation, recordings, preprocessing, nothing, part(progress, 0.0, 0.5))
-    prior = prior_of(first, trust)
+    reduction = reduce_by_phase(first.observation, recordings, preprocessing, nothing, part(progress, 0.0, 0.5))
+    prior = prior_of(first, choices.trust)
     check_reduction(first, reduction, prior)
+    if choices.weighs_turns:
+        reduction = reduction.weighing_turns(turning_weights(reduction, prior))
     reference = first.reference(weighted(reduction, prior).values)
     others = tuple(choice for choice in effects if choice not in plain)
     found = complete_shapes(first, others, recordings, preprocessing, reference, part(progress, 0.5, 1.0))

@@ -23,6 +23,7 @@ from dynident.estimation import (
     Reduction,
     Solution,
     Statistics,
+    Turned,
     freedom_of_rows,
 )
 from dynident.identification.choices import USUAL_SHARE, IdentificationChoices
@@ -271,6 +272,7 @@ def _choices(document: Mapping[str, Any]) -> IdentificationChoices:
         preprocessing=_preprocessing(document["preprocessing"]) if document["preprocessing"] else None,
         tolerance=document["tolerance"],
         covariance=document.get("covariance", "by_joint"),
+        weigh_turns=bool(document.get("weigh_turns", False)),
     )
 
 
@@ -294,8 +296,13 @@ def _put_reduction(arrays: dict[str, Any], name: str, reduction: Reduction) -> N
     for j, equation in enumerate(reduction.equations):
         arrays[f"{name}_{j}_columns"] = equation.columns
         size = equation.factors.shape[-1]
-        arrays[f"{name}_{j}_factors"] = equation.factors[:, *np.triu_indices(size)]
+        turned = equation.turned
+        factors = equation.factors if turned is None else turned.others
+        arrays[f"{name}_{j}_factors"] = factors[:, *np.triu_indices(size)]
         arrays[f"{name}_{j}_counts"] = equation.counts
+        if turned is not None:
+            told = {"rows": turned.rows, "counts": turned.counts, "weight": np.array(turned.weight)}
+            arrays |= {f"{name}_{j}_turned_{part}": array for part, array in told.items()}
         if equation.beside is not None:
             _put_beside(arrays, f"{name}_{j}_beside", equation.beside)
 
@@ -320,16 +327,19 @@ def _beside(arrays: Mapping[str, Any], name: str, size: int) -> Beside | None:
 
 def _reduction(arrays: Mapping[str, Any], name: str) -> Reduction:
     n_columns, n_equations = (int(value) for value in arrays[f"{name}_size"])
-    equations = tuple(
-        EquationFactors(
-            arrays[f"{name}_{j}_columns"],
-            _triangles(arrays[f"{name}_{j}_factors"], len(arrays[f"{name}_{j}_columns"]) + 1),
-            arrays[f"{name}_{j}_counts"],
-            _beside(arrays, f"{name}_{j}_beside", len(arrays[f"{name}_{j}_columns"]) + 1),
-        )
-        for j in range(n_equations)
-    )
+    equations = tuple(_equation(arrays, f"{name}_{j}") for j in range(n_equations))
     return Reduction(n_columns, equations, arrays[f"{name}_spans"])
+
+
+def _equation(arrays: Mapping[str, Any], name: str) -> EquationFactors:
+    columns, counts = arrays[f"{name}_columns"], arrays[f"{name}_counts"]
+    size = len(columns) + 1
+    factors, beside = _triangles(arrays[f"{name}_factors"], size), _beside(arrays, f"{name}_beside", size)
+    if f"{name}_turned_rows" not in arrays:  # of a version that did not tell them apart
+        return EquationFactors(columns, factors, counts, beside)
+    rows, own = arrays[f"{name}_turned_rows"], arrays[f"{name}_turned_counts"]
+    turned = Turned(factors, rows, own, float(arrays[f"{name}_turned_weight"]))
+    return EquationFactors(columns, turned.together, counts, beside, turned)
 
 
 def _triangles(packed: FloatArray, size: int) -> FloatArray:

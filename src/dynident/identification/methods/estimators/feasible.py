@@ -22,6 +22,7 @@ class Feasible(Estimator):
     brief = "physically possible links"
     place = 4
     from_reduced = True
+    weighs_turns = True
     possible_bodies = True
     priors = ("description", "description_entropic")
 

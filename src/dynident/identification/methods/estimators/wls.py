@@ -1,4 +1,4 @@
-"""Weighted least squares: each joint by the noise that its residual shows."""
+"""Weighted least squares: each joint by the noise that its residual shows, rows where it turns round by their own."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ class Weighted(Estimator):
     brief = "each joint weighted by its noise"
     place = 1
     from_reduced = True
+    weighs_turns = True
     in_steps = True
     priors = ("description",)
 

@@ -1,0 +1,124 @@
+"""Rows where a joint turns round have a noise of their own: told from the others, and weighed by it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dynident.estimation import (
+    FactorAccumulator,
+    Reduction,
+    concatenate,
+    errors,
+    noise_of_rows,
+    ordinary,
+    told_apart,
+    turning_weights,
+    weighted,
+)
+
+N_ROWS, N_COLUMNS, STRETCHES = 600, 4, 12
+COLUMNS = [np.array([0, 1, 2]), np.array([1, 2, 3])]
+TRUTH = np.array([2.0, -1.0, 0.5, 3.0])
+
+
+def rows(seed: int, noise: tuple[float, float], share: float = 0.1) -> tuple[list[np.ndarray], np.ndarray]:
+    """[W | Y] of two equations, and at which rows (m, 2) their joints turn round, with noise of its own there."""
+    rng = np.random.default_rng(seed)
+    turns = rng.random((N_ROWS, 2)) < share
+    found = []
+    for k, columns in enumerate(COLUMNS):
+        w = rng.normal(size=(N_ROWS, 3))
+        y = w @ TRUTH[columns] + rng.normal(size=N_ROWS) * np.where(turns[:, k], noise[1], noise[0])
+        found.append(np.column_stack([w, y]))
+    return found, turns
+
+
+def reduction(found: list[np.ndarray], turns: np.ndarray) -> Reduction:
+    accumulator = FactorAccumulator(2 * COLUMNS, N_COLUMNS, N_ROWS / STRETCHES)
+    accumulator.push(np.arange(N_ROWS, dtype=float), 2 * found, np.hstack([~turns, turns]))
+    return told_apart(accumulator.finish())
+
+
+def by_rows(found: list[np.ndarray], turns: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Least squares of rows, those where joints turn round divided by their noise; both equations count alike."""
+    stacked = np.zeros((2 * N_ROWS, N_COLUMNS + 1))
+    for k, columns in enumerate(COLUMNS):
+        part = slice(k * N_ROWS, (k + 1) * N_ROWS)
+        scale = np.where(turns[:, k], np.sqrt(weights[k]), 1.0)[:, None]
+        stacked[part, columns], stacked[part, -1:] = scale * found[k][:, :-1], scale * found[k][:, -1:]
+    return np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0]
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 1000), st.tuples(st.floats(0.001, 1.0), st.floats(0.001, 1.0)))
+def test_a_solution_is_that_of_rows_divided_by_their_noise_whatever_they_were_weighed_by_before(seed, given_weights):
+    found, turns = rows(seed, (0.1, 0.5))
+    weights = np.array(given_weights)
+    once = reduction(found, turns).weighing_turns(weights)
+    again = reduction(found, turns).weighing_turns(np.array([0.3, 0.02])).weighing_turns(weights)
+    expected = by_rows(found, turns, weights)
+    np.testing.assert_allclose(ordinary(once).values, expected, rtol=1e-9, atol=1e-10)
+    np.testing.assert_allclose(ordinary(again).values, expected, rtol=1e-9, atol=1e-10)
+
+
+def test_weights_are_what_the_noise_of_either_kind_of_rows_says():
+    weights = turning_weights(reduction(*rows(1, (0.1, 0.5))))
+    assert weights == pytest.approx([1 / 25] * 2, rel=0.4)
+
+
+def test_rows_that_are_quieter_where_a_joint_turns_round_count_as_the_others_do():
+    assert (turning_weights(reduction(*rows(1, (0.5, 0.1)))) == 1.0).all()
+
+
+def test_estimates_come_nearer_to_the_truth_than_with_all_rows_alike():
+    drawn = [reduction(*rows(seed, (0.1, 2.0))) for seed in range(20)]
+    alike = [weighted(one).values - TRUTH for one in drawn]
+    weighed = [weighted(one.weighing_turns(turning_weights(one))).values - TRUTH for one in drawn]
+    assert np.linalg.norm(weighed) < 0.4 * np.linalg.norm(alike)
+
+
+def test_errors_are_told_of_all_rows_alike_whatever_they_count_for():
+    found, turns = rows(2, (0.1, 0.5))
+    data = reduction(found, turns)
+    weighed = data.weighing_turns(np.array([0.1, 0.0]))
+    values = TRUTH + 0.1
+    rests = [own[:, -1] - own[:, :-1] @ values[columns] for own, columns in zip(found, COLUMNS, strict=True)]
+    for one in (data, weighed):
+        assert errors(one, values).squares == pytest.approx([rest @ rest for rest in rests])
+        assert errors(one, values).measured == pytest.approx([own[:, -1] @ own[:, -1] for own in found])
+    assert noise_of_rows(weighed, values) == pytest.approx(noise_of_rows(data, values))
+
+
+@pytest.mark.parametrize("picked", [[0, 1, 2, 3], [3, 1], [2]])
+def test_fewer_columns_and_combinations_of_them_keep_what_is_told_apart(picked):
+    found, turns = rows(3, (0.1, 0.5))
+    weights = np.array([0.04, 0.2])
+    change = np.eye(N_COLUMNS)[:, picked]
+    for smaller in (reduction(found, turns).select(picked), reduction(found, turns).combined(change)):
+        expected = reduction(found, turns).weighing_turns(weights).select(picked)
+        np.testing.assert_allclose(ordinary(smaller.weighing_turns(weights)).values, ordinary(expected).values)
+
+
+def test_recordings_behind_one_another_are_told_apart_where_all_of_them_are():
+    drawn = [rows(seed, (0.1, 0.5), share) for seed, share in ((4, 0.02), (5, 0.3))]
+    both = concatenate([reduction(*one) for one in drawn])
+    stacked = [np.concatenate([one[0][k] for one in drawn]) for k in range(2)]
+    turns = np.concatenate([one[1] for one in drawn])
+    assert [e.turned.counts.sum() for e in both.equations] == turns.sum(axis=0).tolist()
+    rest = stacked[0][turns[:, 0]]
+    assert both.equations[0].turned.squares(TRUTH[COLUMNS[0]]) == pytest.approx(
+        float(((rest[:, -1] - rest[:, :-1] @ TRUTH[COLUMNS[0]]) ** 2).sum())
+    )
+    plain = reduction(*drawn[0])
+    mixed = concatenate([plain, plain.select(range(N_COLUMNS)).stretches(range(3))])
+    assert mixed.equations[0].turned is None
+
+
+def test_where_no_joint_turns_round_nothing_changes():
+    found, _ = rows(6, (0.1, 0.5))
+    data = reduction(found, np.zeros((N_ROWS, 2), dtype=bool))
+    assert (turning_weights(data) == 1.0).all()
+    np.testing.assert_array_equal(ordinary(data.weighing_turns(np.full(2, 0.5))).values, ordinary(data).values)
