@@ -186,9 +186,9 @@ class Trial:
                 peace = time.monotonic()
                 until_all_ended(Ledger(own), submitter)
                 calm = time.monotonic() - peace
-                lost = [f"left behind: {one}" for one in left_behind(folder, party)]
             found, objects = Ledgers.of(own), ObjectStore((folder / "data" / "objects").as_uri(), folder / "cache")
-            wrong = [*faults(found, told.accepted), *damage(own, objects), *lost]
+            wrong = [*faults(found, told.accepted), *damage(own, objects)]
+            wrong += [f"left behind: {one}" for one in left_behind(folder)]
             own.close()
             wrong += unexpected(told, party)
             if wrong:

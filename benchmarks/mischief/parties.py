@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ from mischief.processes import Caretaker, Kept
 
 JOBS = Path(__file__).resolve().parents[2] / "tests" / "service"
 """Where the small jobs of the tests are."""
+SURVIVES = 10.0
+"""Seconds that a process may outlive those who began it."""
 
 
 @dataclass(frozen=True)
@@ -66,12 +69,21 @@ def on_a_cluster(folder: Path, url: str) -> Iterator[Party]:
         yield party
 
 
-def left_behind(folder: Path, party: Party) -> Iterator[str]:
-    """Say which processes are there that were begun in a folder and belong to nobody of a party any more."""
-    known = {one.pid for one in party.everybody}
+def left_behind(folder: Path) -> list[str]:
+    """Say which processes are there that were begun in a folder, some seconds after all of a party have ended.
+
+    Not before: the children of a nursery that was killed go on working for whoever has their pipes.
+    """
+    until = time.monotonic() + SURVIVES
+    while (found := list(_begun_in(folder))) and time.monotonic() < until:
+        time.sleep(0.2)
+    return found
+
+
+def _begun_in(folder: Path) -> Iterator[str]:
     for process in psutil.process_iter():
         with suppress(psutil.Error):
-            if Path(process.cwd()) == folder and known.isdisjoint(one.pid for one in (process, *process.parents())):
+            if Path(process.cwd()) == folder:
                 yield f"{process.pid} {' '.join(process.cmdline())}"
 
 
