@@ -25,6 +25,7 @@ from dynident_service.routes.diagnosed import as_diagnosed
 from dynident_service.routes.needs import ReadAhead, Reading, needed, needed_measurements, needed_robot
 from dynident_service.routes.uncertainty import AWAITED, model_file
 from dynident_service.routes.verdicts import refuse_stopped
+from dynident_service.science import load_science
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn, Retry
 
@@ -55,6 +56,7 @@ def create_identification(
     body: IdentificationRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Identify the base parameters of a robot from measurements."""
+    load_science()
     from dynident_service.adapters.robots import robot_described
 
     ahead = ReadAhead(services.resources, named_in(body))
@@ -92,6 +94,7 @@ def extend_identification(
     identification_id: str, body: ExtensionRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Add effects to an identified model: a new identification, whose parent is this one."""
+    load_science()
     from dynident.identification.shapes.shapes import check_choices
     from dynident_service.adapters.effects import choices_of
     from dynident_service.adapters.robots import robot_of
@@ -111,6 +114,7 @@ def remove_from_identification(
     identification_id: str, body: RemovalRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Take effects out of an identified model: a new identification, whose parent is this one."""
+    load_science()
     from dynident.identification.study.removing import effects_without
     from dynident_service.adapters.effects import choices_of, show_choice
     from dynident_service.adapters.robots import robot_of
@@ -138,6 +142,7 @@ def get_lineage(
     An extension by several effects has a rung for each. Where all rungs have validation errors the best one is marked,
     and those above it whose error is larger.
     """
+    load_science()
     from dynident_service.adapters.lineages import beside, rungs_of_views
 
     own = _ladder(services, identification_id)
@@ -159,6 +164,7 @@ async def export_identification(
     asked: Annotated[ExportQuery, Query()],
 ) -> Response:
     """Give the identified model in a format that other programs read."""
+    await to_thread.run_sync(load_science)
     from dynident.export import ExportedFile
     from dynident_service.adapters.exports import file_response
 
@@ -184,6 +190,7 @@ def new_identification(
     services: Reading, body: IdentificationRequest, robot_of: Callable[[Resource], Robot]
 ) -> NewResource:
     """What is to be computed where all that the request names is there, and fits; a problem or DynidentError if not."""
+    load_science()
     from dynident_service.adapters.identifications import choices_from_request
 
     robot = needed_robot(services, body.robot_id)

@@ -10,6 +10,7 @@ from dynident_service.models.simulations import Samples, SimulationRequest, Simu
 from dynident_service.routes.common import RetryKeyDep, computed, make
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_design, needed_robot
+from dynident_service.science import load_science
 from dynident_service.services import ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
 
@@ -44,6 +45,7 @@ def create_simulation(
 
 def _check(body: SimulationRequest, stored: Resource) -> None:
     """Refuse at once what would fail later."""
+    load_science()
     from dynident.simulation import Simulated, check_acting
     from dynident_service.adapters.derived import taken
     from dynident_service.adapters.designs import random_design
