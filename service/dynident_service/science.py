@@ -1,4 +1,4 @@
-"""The science, which a service loads beside its first requests: by one thread at a time.
+"""The science, which a service loads beside its first requests: one thread at a time imports it, requests first.
 
 Modules of SciPy import each other in a circle. Where two threads are in it at once, each waits for what the other one
 imports, and Python ends that by an error in one of them.
@@ -8,19 +8,55 @@ from __future__ import annotations
 
 import importlib
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-MODULES = (
+PIECES = (
+    "dynident_service.adapters.robots",
+    "dynident_service.adapters.identifications",
+    "dynident_service.adapters.measurements",
+    "dynident_service.adapters.designs",
     "dynident_service.work",
-    "dynident_service.adapters.exports",
-    "dynident_service.adapters.lineages",
-    "dynident_service.adapters.raw_signals",
 )
-"""With all that they import, everything of the science that requests use in this process."""
-_lock = threading.Lock()
+"""What requests will need, that first for which a page asks first; between two of them requests have their turn."""
+
+
+class Turns:
+    """Who imports: one at a time, and not who is patient while another one waits."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._is_taken = False
+        self._waiting = 0
+
+    @contextmanager
+    def taken(self, *, patiently: bool = False) -> Iterator[None]:
+        """Have the turn."""
+        with self._changed:
+            self._waiting += not patiently
+            self._changed.wait_for(lambda: not self._is_taken and not (patiently and self._waiting))
+            self._waiting -= not patiently
+            self._is_taken = True
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._is_taken = False
+                self._changed.notify_all()
+
+
+_turns = Turns()
+
+
+@contextmanager
+def importing() -> Iterator[None]:
+    """Import science in here while requests are answered: no other thread does meanwhile."""
+    with _turns.taken():
+        yield
 
 
 def load_science() -> None:
-    """See to it that it is there: call this before anything of it is imported while requests are answered."""
-    with _lock:
-        for name in MODULES:
+    """Load what requests will need, so that the first one does not wait for it."""
+    for name in PIECES:
+        with _turns.taken(patiently=True):
             importlib.import_module(name)
