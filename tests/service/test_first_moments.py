@@ -11,6 +11,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 import dynident_service
 from dynident_service import science
 
@@ -18,22 +20,23 @@ PACKAGE = Path(dynident_service.__file__).parent
 ALONE = science.importing.__name__
 
 
-def test_requests_import_one_at_a_time_and_before_what_is_loaded_ahead() -> None:
+@pytest.mark.parametrize("time_after_time", range(12))
+def test_requests_import_one_at_a_time_and_before_what_is_loaded_ahead(time_after_time: int) -> None:
     turns, order = science.Turns(), list[str]()
 
-    def has_its_turn(name: str, patiently: bool) -> None:
-        with turns.taken(patiently=patiently):
+    def has_its_turn(name: str) -> None:
+        with turns.taken(patiently=name == "ahead"):
             order.append(name)
 
-    threads = [threading.Thread(target=has_its_turn, args=(name, name == "ahead")) for name in ("ahead", "request")]
+    threads = [threading.Thread(target=has_its_turn, args=(name,)) for name in ("ahead", "ahead", "ahead", "request")]
     with turns.taken():
         for thread in threads:
             thread.start()
-            time.sleep(0.1)
+            time.sleep(0.01)
         assert not order
     for thread in threads:
         thread.join()
-    assert order == ["request", "ahead"]
+    assert order == ["request", "ahead", "ahead", "ahead"]
 
 
 def test_whatever_a_request_imports_it_imports_alone() -> None:
