@@ -1,14 +1,17 @@
-"""Two services on one database, and bad luck: does every job that was accepted end, once, and well?
+"""Two services on one database, or one with a cluster, and bad luck: does every job accepted end, once, and well?
 
     python benchmarks/chaos.py
     python benchmarks/chaos.py --database postgresql
+    python benchmarks/chaos.py --database postgresql --cluster
     python benchmarks/chaos.py --jobs 12 --brief
 
 Half of the jobs are identifications that a client asks for by HTTP, with an `Idempotency-Key`, again and again until
 it is told that one was accepted; half are small ones that report their progress, put into the ledger. Meanwhile, in
 an order that the seed gives, kill -9 meets the service that answers, the one that only works, a computing process and
-the process that these are forked from; a service stands still (SIGSTOP); the database is away. Then all is left in
-peace, and what was accepted must end: succeeded, one end each, one resource for each request, every file whole.
+the process that these are forked from; a service stands still (SIGSTOP); the database is away. With `--cluster` two
+Dask workers do the jobs, and are what is met instead of the service that only works; so is their scheduler. Whatever
+was killed is started again a second later. Then all is left in peace, and what was accepted must end: succeeded, one
+end each, one resource for each request, every file whole and owned, no process left behind.
 
 It fails (exit code 1) with what is not so.
 """
@@ -17,14 +20,12 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import random
 import sys
 import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -32,13 +33,13 @@ from typing import Any
 import httpx2
 from common import show
 from many_clients import prepare
-from mischief.databases import Losable, database
-from mischief.services import Service
-from service_beside import wait_until_it_answers
+from mischief.databases import database
+from mischief.parties import Party, left_behind, on_a_cluster, two_services
+from mischief.weather import BRIEF, STORM, Mischief, Weather
 from sqlalchemy import select
 
 from dynident_service.storage.database import Database
-from dynident_service.storage.doctor import CURABLE, examine
+from dynident_service.storage.doctor import examine
 from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.patience import patiently
@@ -48,23 +49,6 @@ from dynident_service.storage.tables import JobEventRow, JobRow, ResourceRow
 BUSY = frozenset({429, 500, 502, 503, 504})
 PATIENCE = 240.0
 """Seconds in peace within which all must have ended: a lease of half a minute or two, and the work."""
-
-
-@dataclass(frozen=True)
-class Weather:
-    """How bad the luck is, in seconds, and what happens."""
-
-    between: tuple[float, float]
-    stopped: tuple[float, ...]
-    away: float
-    deck: tuple[str, ...]
-
-
-STORM = Weather(
-    (1.0, 5.0), (5.0, 15.0, 40.0), 20.0, ("api", "worker", "child", "child", "child", "nursery", "stop", "database")
-)
-BRIEF = Weather((0.5, 1.0), (2.0,), 3.0, ("worker", "api", "child", "nursery", "database", "stop"))
-"""Those first whose jobs are missed last, by their leases."""
 
 
 @dataclass
@@ -80,18 +64,18 @@ class Told:
 class Submitter(threading.Thread):
     """Asks for jobs, evenly over some time, each until it is accepted."""
 
-    def __init__(self, number: int, seconds: float, api: Service, body: dict[str, Any], ledger: Ledger) -> None:
+    def __init__(self, number: int, seconds: float, port: int, body: dict[str, Any], ledger: Ledger) -> None:
         super().__init__(daemon=True)
         self.told = Told()
         self._number = number
         self._pause = seconds / number
-        self._api = api
+        self._port = port
         self._body = body
         self._ledger = ledger
 
     def run(self) -> None:
         """Ask for all of them."""
-        with httpx2.Client(base_url=f"http://127.0.0.1:{self._api.port}", timeout=60) as http:
+        with httpx2.Client(base_url=f"http://127.0.0.1:{self._port}", timeout=60) as http:
             for index in range(self._number):
                 name = f"chaos {index}"
                 if index % 2 == 0:
@@ -115,39 +99,6 @@ class Submitter(threading.Thread):
                 if answer.status_code not in BUSY:
                     raise RuntimeError(answer.text)
             time.sleep(0.5)
-
-
-class Mischief:
-    """Does what happens, one thing after the other."""
-
-    def __init__(self, services: tuple[Service, Service], losable: Losable, weather: Weather, seed: int) -> None:
-        self._api, self._worker = services
-        self._losable = losable
-        self._weather = weather
-        self._chance = random.Random(seed)
-        self._deck: list[str] = []
-
-    def next(self) -> str:
-        """Wait a little, then let something happen; tells what. Everything happens once before anything does again."""
-        if not self._deck:
-            self._deck = list(self._weather.deck)
-            if self._weather is not BRIEF:
-                self._chance.shuffle(self._deck)
-        time.sleep(self._chance.uniform(*self._weather.between))
-        for service in (self._api, self._worker):
-            service.look_after()
-        what = self._deck.pop(0)
-        either = self._chance.choice((self._api, self._worker))
-        actions: dict[str, Callable[[], object]] = {
-            "api": self._api.kill,
-            "worker": self._worker.kill,
-            "child": lambda: either.kill_computation(self._chance),
-            "nursery": lambda: either.kill_nursery(self._chance),
-            "stop": lambda: either.stop(self._chance.choice(self._weather.stopped)),
-            "database": lambda: self._losable.be_away(self._weather.away),
-        }
-        actions[what]()
-        return what
 
 
 @dataclass(frozen=True)
@@ -205,65 +156,70 @@ def figures(found: Ledgers, accepted: dict[str, str]) -> list[tuple[str, str]]:
     ]
 
 
-@contextmanager
-def two_services(folder: Path, url: str) -> Iterator[tuple[Service, Service]]:
-    """One that clients know, and one that only works."""
-    api = Service("api", folder, url)
-    wait_until_it_answers(api.port)
-    worker = Service("worker", folder, url)
-    try:
-        yield api, worker
-    finally:
-        api.end()
-        worker.end()
+@dataclass(frozen=True)
+class Trial:
+    """What is tried."""
+
+    kind: str
+    """Of the database."""
+    with_cluster: bool
+    number: int
+    """Of jobs."""
+    seconds: float
+    """Over which they are asked for."""
+    weather: Weather
+    seed: int
+
+    def run(self) -> list[str]:
+        """Try it; gives what is wrong."""
+        with tempfile.TemporaryDirectory() as name, database(self.kind, Path(name)) as losable:
+            folder, own = Path(name), Database(losable.url)
+            with (on_a_cluster if self.with_cluster else two_services)(folder, losable.url) as party:
+                body = asyncio.run(prepare(party.port))
+                submitter = Submitter(self.number, self.seconds, party.port, body, Ledger(own))
+                told, mischief = submitter.told, Mischief(party, losable, self.weather, self.seed)
+                began = time.monotonic()
+                submitter.start()
+                while submitter.is_alive() or told.happened.total() < len(self.weather.deck):
+                    if what := mischief.next():
+                        told.happened[what] += 1
+                peace = time.monotonic()
+                until_all_ended(Ledger(own), submitter)
+                calm = time.monotonic() - peace
+            found, objects = Ledgers.of(own), ObjectStore((folder / "data" / "objects").as_uri(), folder / "cache")
+            wrong = [*faults(found, told.accepted), *damage(own, objects)]
+            wrong += [f"left behind: {one}" for one in left_behind(folder)]
+            own.close()
+            wrong += unexpected(told, party)
+            if wrong:
+                print("\n".join(line for one in party.everybody for line in one.log_lines()[-30:]))
+        rows = [
+            *figures(found, told.accepted),
+            ("in trouble, then in peace until all had ended", f"{peace - began:.0f} s, {calm:.0f} s"),
+            ("starts of a process", ", ".join(f"{one.name} {one.starts}" for one in party.everybody)),
+            *((f"what happened: {what}", str(times)) for what, times in sorted(told.happened.items())),
+            *((f"requests answered {why}", str(times)) for why, times in sorted(told.refused.items())),
+        ]
+        show(f"{self.kind}{' and a cluster' if self.with_cluster else ''}, seed {self.seed}", rows)
+        return wrong if len(told.accepted) == self.number else [*wrong, "not all were accepted"]
 
 
-def run(kind: str, number: int, weather: Weather, seconds: float, seed: int) -> list[str]:
-    """Try it on one kind of database; gives what is wrong."""
-    with tempfile.TemporaryDirectory() as name, database(kind, Path(name)) as losable:
-        folder = Path(name)
-        with two_services(folder, losable.url) as services:
-            own = Database(losable.url)
-            submitter = Submitter(number, seconds, services[0], asyncio.run(prepare(services[0].port)), Ledger(own))
-            wait_until_it_answers(services[1].port)
-            told, mischief = submitter.told, Mischief(services, losable, weather, seed)
-            began = time.monotonic()
-            submitter.start()
-            while submitter.is_alive() or told.happened.total() < len(weather.deck):
-                told.happened[mischief.next()] += 1
-            peace = time.monotonic()
-            until_all_ended(Ledger(own), submitter, services)
-            calm = time.monotonic() - peace
-        found, objects = Ledgers.of(own), ObjectStore((folder / "data" / "objects").as_uri(), folder / "cache")
-        wrong = [*faults(found, told.accepted), *damage(own, objects)]
-        own.close()
-        if told.refused["500"]:
-            wrong.append(f"{told.refused['500']} requests were answered 500, which is no word for bad luck")
-            print("\n".join(line for line in services[0].log_lines() if "failed unexpectedly" in line))
-        elif wrong:
-            print("\n".join(line for service in services for line in service.log_lines()[-30:]))
-    rows = [
-        *figures(found, told.accepted),
-        ("in trouble, then in peace until all had ended", f"{peace - began:.0f} s, {calm:.0f} s"),
-        ("starts of a service", str(sum(service.starts for service in services))),
-        *((f"what happened: {what}", str(times)) for what, times in sorted(told.happened.items())),
-        *((f"requests answered {why}", str(times)) for why, times in sorted(told.refused.items())),
-    ]
-    show(f"{kind}, seed {seed}", rows)
-    return wrong if len(told.accepted) == number else [*wrong, "not all were accepted"]
+def unexpected(told: Told, party: Party) -> Iterator[str]:
+    """Say where a client was told of an error that nobody foresaw."""
+    if times := told.refused["500"]:
+        print("\n".join(line for line in party.api.log_lines() if "failed unexpectedly" in line))
+        yield f"{times} requests were answered 500, which is no word for bad luck"
 
 
 def damage(own: Database, objects: ObjectStore) -> Iterator[str]:
-    """Say which files are lost or damaged, by their hashes."""
-    yield from (f"{one.what}: {one.detail}" for one in examine(own, objects) if one.trouble not in CURABLE)
+    """Say which files are lost, damaged by their hashes, or owned by nobody and not marked to be deleted."""
+    yield from (f"{one.trouble}: {one.what}: {one.detail}" for one in examine(own, objects))
 
 
-def until_all_ended(ledger: Ledger, submitter: Submitter, services: tuple[Service, Service]) -> None:
-    """Leave the services in peace, until there is nothing to do any more."""
+def until_all_ended(ledger: Ledger, submitter: Submitter) -> None:
+    """Leave all in peace, until there is nothing to do any more."""
     until = time.monotonic() + PATIENCE
     while time.monotonic() < until:
-        for service in services:
-            service.look_after()
         if not submitter.is_alive() and set(patiently(ledger.counts, 60)) <= FINAL:
             return
         time.sleep(0.2)
@@ -276,9 +232,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=180.0, help="over which jobs are asked for, at least")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--brief", action="store_true", help="everything happens once, and is over soon")
+    parser.add_argument("--cluster", action="store_true", help="a Dask scheduler and two workers do the jobs")
     asked = parser.parse_args()
-    seconds = 1.0 if asked.brief else asked.seconds
-    wrong = run(asked.database, asked.jobs, BRIEF if asked.brief else STORM, seconds, asked.seed)
+    seconds, weather = (1.0, BRIEF) if asked.brief else (asked.seconds, STORM)
+    if asked.cluster:
+        weather = weather.for_a_cluster()
+    wrong = Trial(asked.database, asked.cluster, asked.jobs, seconds, weather, asked.seed).run()
     for sentence in wrong:
         print(f"  wrong: {sentence}")
     sys.exit(1 if wrong else 0)

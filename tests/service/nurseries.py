@@ -43,7 +43,7 @@ class StandingBack(Nursery):
 def bring_up_without_science() -> None:
     """Let a service, or a worker of a cluster, in this process have its children from there, and load none itself."""
     Nursery.PROGRAM = WithoutScience.PROGRAM
-    engine._load_science = lambda: None
+    engine.load_science = lambda: None
 
 
 def main() -> None:

@@ -16,7 +16,7 @@ import pytest
 from dask_cluster import PRELOADED, Cluster
 from distributed import Client
 from fastapi.testclient import TestClient
-from service_helpers import TWO_JOINTS, app_of, let_leases_run_out, wait_for
+from service_helpers import TWO_JOINTS, app_of, wait_for
 from shared_parts import NOTES, WORKER, Note, notes_in
 from test_uploads import as_csv, sound, upload
 
@@ -147,10 +147,12 @@ def test_a_worker_that_is_killed_in_the_middle_only_costs_time(stored: Stored, t
         victim = team.workers[team.told(kind)[-1].worker]
         victim.kill()
         victim.wait()
-        if kind == "own":
-            let_leases_run_out(services_of(client).database)
         found = wait_for(lambda: ended(client, identification), timeout=120)
-        assert client.get(f"/v1/jobs/{job_id}").json()["attempt"] == (1 if kind == "part" else 2)
+        # The scheduler gives it to the other worker, for which the same claim holds.
+        assert client.get(f"/v1/jobs/{job_id}").json()["attempt"] == 1
+    if kind == "own":
+        (other,) = (name for name, process in team.workers.items() if process is not victim)
+        assert team.told("own")[-1].worker == other
     assert as_alone(found, stored)
 
 

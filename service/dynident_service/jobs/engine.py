@@ -5,7 +5,6 @@ Those are child processes of this one, or of the workers of a Dask cluster, whos
 
 from __future__ import annotations
 
-import importlib
 import logging
 import threading
 import time
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 from dynident_service.jobs.crew import Crew
 from dynident_service.jobs.nursery import Nursery
 from dynident_service.jobs.work import Place
+from dynident_service.science import load_science
 from dynident_service.settings import Settings
 from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.turns import Claim
@@ -97,7 +97,8 @@ class Engine:
             self._thread.join(timeout)
 
     def _run(self) -> None:
-        threading.Thread(target=_load_science, name="dynident-warm-up", daemon=True).start()
+        # So that the first request that needs it does not wait for it.
+        threading.Thread(target=load_science, name="dynident-warm-up", daemon=True).start()
         pause = FIRST_PAUSE
         while not self._stop.is_set():
             began = time.monotonic()
@@ -174,8 +175,3 @@ class Engine:
         if not self._settings.dask_scheduler:  # a cluster elsewhere goes on by itself
             self._under_way[key] = claim.job_id
         workers.hand_out(claim, ended)
-
-
-def _load_science() -> None:
-    """Load what requests will need, so that the first one does not wait for it."""
-    importlib.import_module("dynident_service.work")

@@ -24,6 +24,7 @@ from dynident_service.problems import (
 from dynident_service.routes.common import RetryKeyDep, again, href
 from dynident_service.routes.identifications import named_in, new_identification
 from dynident_service.routes.needs import ReadAhead
+from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Resource
 
@@ -72,7 +73,8 @@ def delete_batch(batch_id: str, services: ServicesDep) -> None:
 
 def _accepted(services: Services, body: BatchRequest) -> list[NewResource]:
     """What is to be computed; a problem that names all that is wrong, with the place of each item."""
-    from dynident_service.adapters.robots import robot_of
+    with importing():
+        from dynident_service.adapters.robots import robot_of
 
     named = {one for item in body.items for one in named_in(item)}
     ahead = ReadAhead(services.resources, named)

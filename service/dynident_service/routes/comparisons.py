@@ -18,6 +18,7 @@ from dynident_service.models.comparisons import (
 from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_measurements, needed_model
+from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, RestsOn
 
@@ -55,7 +56,8 @@ def get_series(
     points: Annotated[int, Query(ge=12, le=100_000, description="About how many")] = 2000,
 ) -> Series:
     """Give a joint's measured and predicted torque and residual over time, thinned so that extremes survive."""
-    from dynident_service.adapters.comparisons import thinned
+    with importing():
+        from dynident_service.adapters.comparisons import thinned
 
     stored = _stored(services, comparison_id)
     every = stored.signals(joint, start, end)
@@ -102,13 +104,15 @@ def get_autocorrelation(
 
 
 def _stored(services: Services, identifier: str) -> StoredComparison:
-    from dynident.diagnosis.comparing.stored import StoredComparison
+    with importing():
+        from dynident.diagnosis.comparing.stored import StoredComparison
 
     found = succeeded(services.resources.get("comparison", identifier))
     return StoredComparison(services.objects.path(found.objects["signals"].key))
 
 
 def _shown(view: type[ShownT], found: object, **more: object) -> ShownT:
-    from dynident_service.adapters.answers import shown
+    with importing():
+        from dynident_service.adapters.answers import shown
 
     return shown(view, found, **more)

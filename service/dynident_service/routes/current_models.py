@@ -11,6 +11,7 @@ from dynident_service.problems import unusable
 from dynident_service.routes.common import RetryKeyDep, computed, make
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_measurements, needed_robot, refuse_coupled
+from dynident_service.science import importing
 from dynident_service.services import ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
 
@@ -36,10 +37,11 @@ def create_current_models(
     body: CurrentModelsRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> CurrentModelsView:
     """Identify every joint's parameters in units of its current: no drive gain has to be known."""
-    from dynident.identification.loads.current_units import check_current_effects
-    from dynident.identification.shapes.shapes import check_choices
-    from dynident_service.adapters.effects import choices_of
-    from dynident_service.adapters.robots import robot_of
+    with importing():
+        from dynident.identification.loads.current_units import check_current_effects
+        from dynident.identification.shapes.shapes import check_choices
+        from dynident_service.adapters.effects import choices_of
+        from dynident_service.adapters.robots import robot_of
 
     robot = needed_robot(services, body.robot_id)
     _check_gains(robot)

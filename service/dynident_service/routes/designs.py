@@ -15,6 +15,7 @@ from dynident_service.models.designs import DesignClearances, DesignRequest, Des
 from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_measurements, needed_robot
+from dynident_service.science import importing
 from dynident_service.services import ServicesDep
 from dynident_service.storage.meshes import meshes_of
 from dynident_service.storage.records import NewJob, NewResource, RestsOn
@@ -31,8 +32,9 @@ keep(router, Kept("design", DesignView, of="robot", deleted="Delete a design; 40
 @router.post("", status_code=202)
 def create_design(body: DesignRequest, services: ServicesDep, retry: RetryKeyDep, response: Response) -> DesignView:
     """Design an experiment: a motion within the limits that tells the parameters apart."""
-    from dynident_service.adapters.designs import request_of
-    from dynident_service.adapters.robots import robot_of
+    with importing():
+        from dynident_service.adapters.designs import request_of
+        from dynident_service.adapters.robots import robot_of
 
     robot = needed_robot(services, body.robot_id)
     request_of(body, robot_of(robot.request))
@@ -58,7 +60,8 @@ def get_trajectory(
     ] = "csv",
 ) -> Response:
     """Give t, q…, dq…, ddq… at the sampling rate, with the moves from and to rest."""
-    from dynident_service.adapters.designs import trajectory_as_csv, trajectory_as_samples, trajectory_for_ros2
+    with importing():
+        from dynident_service.adapters.designs import trajectory_as_csv, trajectory_as_samples, trajectory_for_ros2
 
     found = succeeded(services.resources.get("design", design_id))
     path = services.objects.path(found.objects["trajectory"].key)

@@ -12,6 +12,7 @@ from dynident_service.problems import ProblemError, unusable
 from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_measurements, needed_model
+from dynident_service.science import importing
 from dynident_service.services import ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, RestsOn
 
@@ -35,8 +36,9 @@ def create_diagnosis(
     body: DiagnosisRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> DiagnosisView:
     """Find what is missing in an identified model, by name, and what to add."""
-    from dynident.diagnosis import DiagnosisChoices
-    from dynident_service.adapters.derived import taken
+    with importing():
+        from dynident.diagnosis import DiagnosisChoices
+        from dynident_service.adapters.derived import taken
 
     model = needed_model(services, body.identification_id)
     taken(body, DiagnosisChoices)
@@ -63,7 +65,8 @@ def get_evidence(
     joint: Annotated[str | None, Query(description="Name; that on which it explains most where not given")] = None,
 ) -> Evidence:
     """Give the figure behind a ranked effect: the residual over what it depends on, and the fitted effect with it."""
-    from dynident_service.adapters.evidence import read_evidence
+    with importing():
+        from dynident_service.adapters.evidence import read_evidence
 
     found = succeeded(services.resources.get("diagnosis", diagnosis_id))
     if "evidence" not in found.objects:

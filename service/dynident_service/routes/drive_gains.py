@@ -11,6 +11,7 @@ from dynident_service.problems import unusable
 from dynident_service.routes.common import RetryKeyDep, computed, make
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_measurements, needed_robot, refuse_coupled
+from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
 
@@ -67,9 +68,10 @@ def _measurements(services: Services, body: DriveGainsRequest, robot: Resource) 
 
 def _check_loads(services: Services, body: DriveGainsRequest) -> None:
     """Somebody must say what the load weighs: the request, or each measurement of itself."""
-    from dynident.identification.loads.known import KnownLoad
-    from dynident.identification.loads.payloads import stated_payload
-    from dynident_service.adapters.derived import taken
+    with importing():
+        from dynident.identification.loads.known import KnownLoad
+        from dynident.identification.loads.payloads import stated_payload
+        from dynident_service.adapters.derived import taken
 
     load = taken(body, KnownLoad)
     for index, identifier in enumerate(body.loaded):

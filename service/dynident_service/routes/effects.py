@@ -5,6 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from dynident_service.models.effects import Catalogue
+from dynident_service.science import importing
 
 router = APIRouter(prefix="/v1/effects", tags=["effects"])
 
@@ -12,6 +13,7 @@ router = APIRouter(prefix="/v1/effects", tags=["effects"])
 @router.get("")
 def list_effects() -> Catalogue:
     """List every effect that the product knows."""
-    from dynident_service.adapters.effects import catalogue
+    with importing():
+        from dynident_service.adapters.effects import catalogue
 
     return catalogue()

@@ -25,6 +25,7 @@ from dynident_service.routes.diagnosed import as_diagnosed
 from dynident_service.routes.needs import ReadAhead, Reading, needed, needed_measurements, needed_robot
 from dynident_service.routes.uncertainty import AWAITED, model_file
 from dynident_service.routes.verdicts import refuse_stopped
+from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn, Retry
 
@@ -55,7 +56,8 @@ def create_identification(
     body: IdentificationRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Identify the base parameters of a robot from measurements."""
-    from dynident_service.adapters.robots import robot_described
+    with importing():
+        from dynident_service.adapters.robots import robot_described
 
     ahead = ReadAhead(services.resources, named_in(body))
     new = new_identification(ahead, body, lambda robot: robot_described(robot.request))
@@ -92,9 +94,10 @@ def extend_identification(
     identification_id: str, body: ExtensionRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Add effects to an identified model: a new identification, whose parent is this one."""
-    from dynident.identification.shapes.shapes import check_choices
-    from dynident_service.adapters.effects import choices_of
-    from dynident_service.adapters.robots import robot_of
+    with importing():
+        from dynident.identification.shapes.shapes import check_choices
+        from dynident_service.adapters.effects import choices_of
+        from dynident_service.adapters.robots import robot_of
 
     parent = succeeded(services.resources.get("identification", identification_id))
     asked = StoredIdentification.model_validate(parent.request)
@@ -111,9 +114,10 @@ def remove_from_identification(
     identification_id: str, body: RemovalRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Take effects out of an identified model: a new identification, whose parent is this one."""
-    from dynident.identification.study.removing import effects_without
-    from dynident_service.adapters.effects import choices_of, show_choice
-    from dynident_service.adapters.robots import robot_of
+    with importing():
+        from dynident.identification.study.removing import effects_without
+        from dynident_service.adapters.effects import choices_of, show_choice
+        from dynident_service.adapters.robots import robot_of
 
     parent = succeeded(services.resources.get("identification", identification_id))
     asked = StoredIdentification.model_validate(parent.request)
@@ -138,7 +142,8 @@ def get_lineage(
     An extension by several effects has a rung for each. Where all rungs have validation errors the best one is marked,
     and those above it whose error is larger.
     """
-    from dynident_service.adapters.lineages import beside, rungs_of_views
+    with importing():
+        from dynident_service.adapters.lineages import beside, rungs_of_views
 
     own = _ladder(services, identification_id)
     if against is None:
@@ -159,8 +164,9 @@ async def export_identification(
     asked: Annotated[ExportQuery, Query()],
 ) -> Response:
     """Give the identified model in a format that other programs read."""
-    from dynident.export import ExportedFile
-    from dynident_service.adapters.exports import file_response
+    with importing():
+        from dynident.export import ExportedFile
+        from dynident_service.adapters.exports import file_response
 
     def find() -> dict[str, Any]:
         found = succeeded(services.resources.get("identification", identification_id))
@@ -184,7 +190,8 @@ def new_identification(
     services: Reading, body: IdentificationRequest, robot_of: Callable[[Resource], Robot]
 ) -> NewResource:
     """What is to be computed where all that the request names is there, and fits; a problem or DynidentError if not."""
-    from dynident_service.adapters.identifications import choices_from_request
+    with importing():
+        from dynident_service.adapters.identifications import choices_from_request
 
     robot = needed_robot(services, body.robot_id)
     choices_from_request(body, robot_of(robot))

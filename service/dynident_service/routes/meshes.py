@@ -15,6 +15,7 @@ from dynident_service.models.robots import MeshesView
 from dynident_service.problems import unusable
 from dynident_service.routes.needs import needed
 from dynident_service.routes.uploads import receive
+from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.meshes import GEOMETRY, meshes_of, named_meshes, role_of
 from dynident_service.storage.records import Owned
@@ -70,8 +71,9 @@ def get_geometry(robot_id: str, services: ServicesDep) -> GeometryView | Respons
     robot = services.resources.get("robot", robot_id)
     if (stored := robot.objects.get(GEOMETRY)) is not None:
         return Response(services.objects.get(stored.key), media_type="application/json")
-    from dynident_service.adapters.geometry import describe_geometry
-    from dynident_service.adapters.robots import robot_of
+    with importing():
+        from dynident_service.adapters.geometry import describe_geometry
+        from dynident_service.adapters.robots import robot_of
 
     return describe_geometry(robot_of(robot.request))
 

@@ -10,6 +10,7 @@ from fastapi.responses import Response, StreamingResponse
 from dynident_service.models.measurements import MeasurementMetadata
 from dynident_service.models.raw_signals import RawSignals, Standstills
 from dynident_service.routes.measurements import original_of
+from dynident_service.science import importing
 from dynident_service.services import ServicesDep
 
 router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
@@ -28,8 +29,9 @@ def get_raw_signals(
     points: Annotated[int | None, Query(ge=12, le=100_000, description="About how many; all where not given")] = None,
 ) -> Response:
     """Give signals as they were recorded; with `points` thinned so that extremes survive, else all of them."""
-    from dynident_service.adapters.raw_signals import as_recorded, streamed, thinned
-    from dynident_service.adapters.robots import robot_of
+    with importing():
+        from dynident_service.adapters.raw_signals import as_recorded, streamed, thinned
+        from dynident_service.adapters.robots import robot_of
 
     found = services.resources.get("measurement", measurement_id)
     said = MeasurementMetadata.model_validate(found.request)
@@ -44,7 +46,8 @@ def get_raw_signals(
 @router.get("/{measurement_id}/standstills")
 def get_standstills(measurement_id: str, services: ServicesDep) -> Standstills:
     """Give the stretches of time in which each joint stands, as the recording's rows are told apart for friction."""
-    from dynident_service.adapters.measurements import recording_of
-    from dynident_service.adapters.raw_signals import standstills
+    with importing():
+        from dynident_service.adapters.measurements import recording_of
+        from dynident_service.adapters.raw_signals import standstills
 
     return standstills(recording_of(services.resources.get("measurement", measurement_id), services.objects))

@@ -16,6 +16,7 @@ from dynident_service.problems import Problem, ProblemError, unusable
 from dynident_service.routes.common import RetryKeyDep, again, make
 from dynident_service.routes.measurements import IMPORT, LONGEST_IMPORT, original_of, show
 from dynident_service.routes.uploads import MEDIA_TYPES
+from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn
 
@@ -75,7 +76,8 @@ async def revise_measurement(
 
 def _said(parent: Resource, body: RevisionRequest) -> tuple[MeasurementMetadata, list[dict[str, Any]]]:
     """What is said of the file from now on, and all that was said anew since it was uploaded."""
-    from dynident_service.adapters.revisions import revised
+    with importing():
+        from dynident_service.adapters.revisions import revised
 
     change = plain(body)
     if not change:

@@ -10,6 +10,7 @@ from dynident_service.models.simulations import Samples, SimulationRequest, Simu
 from dynident_service.routes.common import RetryKeyDep, computed, make
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_design, needed_robot
+from dynident_service.science import importing
 from dynident_service.services import ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
 
@@ -44,11 +45,12 @@ def create_simulation(
 
 def _check(body: SimulationRequest, stored: Resource) -> None:
     """Refuse at once what would fail later."""
-    from dynident.simulation import Simulated, check_acting
-    from dynident_service.adapters.derived import taken
-    from dynident_service.adapters.designs import random_design
-    from dynident_service.adapters.robots import robot_of
-    from dynident_service.adapters.simulations import reference_of
+    with importing():
+        from dynident.simulation import Simulated, check_acting
+        from dynident_service.adapters.derived import taken
+        from dynident_service.adapters.designs import random_design
+        from dynident_service.adapters.robots import robot_of
+        from dynident_service.adapters.simulations import reference_of
 
     robot = robot_of(stored.request)
     check_acting(taken(body, Simulated), robot)

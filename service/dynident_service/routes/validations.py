@@ -11,6 +11,7 @@ from dynident_service.problems import unusable
 from dynident_service.routes.common import RetryKeyDep, computed, make
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed_measurements, needed_model
+from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
 
@@ -37,7 +38,8 @@ def create_validation(
 
 def _check_fields(body: ValidationRequest) -> None:
     """Refuse what the test that is asked for does not take."""
-    from dynident_service.adapters.validations import trial_from_request
+    with importing():
+        from dynident_service.adapters.validations import trial_from_request
 
     trial = trial_from_request(body)
     if body.measurement_ids is not None and not trial.takes_recordings:

@@ -12,6 +12,7 @@ from dynident_service.models.verdicts import VerdictView
 from dynident_service.problems import ProblemError
 from dynident_service.routes.common import succeeded
 from dynident_service.routes.uncertainty import model_file
+from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Resource
 
@@ -41,7 +42,8 @@ async def get_verdict(identification_id: str, request: Request, services: Servic
 
 def refuse_stopped(found: Resource) -> None:
     """Raise a problem 409 for a model whose error says that it is not to be used."""
-    from dynident.identification.thresholds import STOP
+    with importing():
+        from dynident.identification.thresholds import STOP
 
     result = IdentificationResult.model_validate(found.result)
     errors = [one.relative_total for one in (result.validation, result.residual) if one is not None]
