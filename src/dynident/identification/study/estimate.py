@@ -97,7 +97,7 @@ class Estimate:
         shape_constants: tuple[ShapeConstant, ...] = (),
     ) -> Estimate:
         """A solution with what its data say of it beside the statistics."""
-        noise = noise_of_rows(data.training, solution.values)
+        noise = statistics.noise if data.all_rows_alike else noise_of_rows(data.training, solution.values)
         owed = owed_to_known(data.equations, solution)
         return cls(model, reference, solution, statistics, noise, owed, standard, not_essential, shape_constants)
 

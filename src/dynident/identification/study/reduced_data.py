@@ -38,6 +38,12 @@ class ReducedData:
         """Whether the equations are those of the joints' torques, as those of the dynamic model are."""
         return self.equations is self.training
 
+    @property
+    def all_rows_alike(self) -> bool:
+        """Whether the equations are rows of the joints' torques, of which none counts for less than others."""
+        told = [one.turned for one in self.training.equations if one.turned is not None]
+        return self.fitted_to_torque and all(one.weight == 1.0 for one in told)
+
     def combined(self, weights: FloatArray) -> ReducedData:
         """The same data in columns that are these times `weights` (b, b'), without `shaped`: its columns are others."""
         training = self.training.combined(weights)
