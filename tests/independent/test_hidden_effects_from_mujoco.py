@@ -68,7 +68,10 @@ _HIDDEN = [
 
 @dataclass(frozen=True)
 class Case:
-    """Held-out errors before and after the recommendation are multiples of what the noise alone leaves, (n,)."""
+    """Held-out errors before and after the recommendation are multiples of what the noise alone leaves, (n,).
+
+    Those before are of all rows, for what shows where joints turn round; those after of rows where they move.
+    """
 
     effect: str
     robot: Robot
@@ -92,9 +95,9 @@ def _case(name: str, effect: str, seed: int = 1) -> Case:
     better = extend(found, diagnosis.recommended, training, held_out) if diagnosis.recommended else found
     taps = low_pass(1000.0, found.preprocessing.torque_cutoff)
     floor = runs[2].noise * float(np.sqrt((taps**2).sum()))
-    assert found.held_out_moving is not None
+    assert found.held_out is not None
     assert better.held_out_moving is not None
-    return Case(effect, robot, found, diagnosis, found.held_out_moving.rms / floor, better.held_out_moving.rms / floor)
+    return Case(effect, robot, found, diagnosis, found.held_out.rms / floor, better.held_out_moving.rms / floor)
 
 
 @pytest.fixture(scope="module", params=_HIDDEN)
@@ -116,11 +119,8 @@ def test_adding_what_is_recommended_brings_the_error_down_to_the_noise(case: Cas
     place = PLACES[case.effect]
     joint = int(np.argmax(case.before)) if place is None else place - 1
     assert case.before[joint] > 2.5
-    # Presliding is another law in the engine (Dahl) than in the catalogue: near the noise, not at it.
-    assert case.after[joint] < (2.5 if case.effect == "presliding" else 1.5)
-    others = np.delete(case.after, joint)
-    # Where a joint sticks at a reversal, sign(q̇) is not the truth: above the noise, though not by much.
-    assert others.max() < 1.8
+    assert case.after[joint] < 1.4
+    assert np.delete(case.after, joint).max() < 1.2
 
 
 def test_nothing_is_recommended_beside_the_hidden_effect(case: Case) -> None:
