@@ -6,6 +6,7 @@ What happens where they do not wait for each other (SciPy's modules, in a deadlo
 from __future__ import annotations
 
 import ast
+import gc
 import threading
 import time
 from collections.abc import Iterator
@@ -13,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+import dynident.diagnosis
+import dynident.excitation
 import dynident_service
 from dynident_service import science
 
@@ -43,6 +46,13 @@ def test_whatever_a_request_imports_it_imports_alone() -> None:
     found = list(_imports_of_requests())
     assert found
     assert not [where for where, is_alone in found if not is_alone]
+
+
+def test_collections_of_garbage_leave_what_is_loaded_alone() -> None:
+    science.load_science()
+    assert gc.get_freeze_count() > 0
+    loaded = {id(one) for one in gc.get_objects()}
+    assert not {id(vars(module)) for module in (dynident.diagnosis, dynident.excitation)} & loaded
 
 
 def _imports_of_requests() -> Iterator[tuple[str, bool]]:
