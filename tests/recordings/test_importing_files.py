@@ -242,6 +242,20 @@ def test_a_gap_splits_the_recording_and_is_named_with_its_start_and_length(tmp_p
     assert "1.005 s" in gap.detail
 
 
+def test_runs_with_a_long_pause_between_them_in_one_file_are_taken_as_two(tmp_path):
+    columns = motion()
+    columns["t"] = columns["t"] + np.where(np.arange(len(columns["t"])) < 1500, 0.0, 600.0)
+    recording, checks = imported(write_parquet(tmp_path / "run.parquet", columns))
+    assert [segment.length for segment in recording.segments] == [1500, 1500]
+    assert next(check for check in checks if check.name == "gaps").status == "warning"
+
+
+def test_short_pieces_between_gaps_are_refused_with_how_much_of_the_time_is_lost(tmp_path):
+    columns = {name: values[np.arange(len(values)) % 250 < 150] for name, values in motion().items()}
+    with pytest.raises(RecordingError, match="38 % of the time is in gaps, 11 of them"):
+        imported(write_parquet(tmp_path / "run.parquet", columns))
+
+
 def test_rows_that_repeat_the_one_before_are_left_out_with_a_warning(tmp_path):
     columns = {name: np.insert(values, [500, 900], values[[499, 899]], axis=0) for name, values in motion().items()}
     recording, checks = imported(write_parquet(tmp_path / "run.parquet", columns))

@@ -22,7 +22,11 @@ HOPELESS_SPREAD = 0.7
 """Standard deviation of the steps, in periods, above which interpolation invents the motion."""
 
 MOST_MISSING = 0.3
-"""Share of the time that gaps may take."""
+"""Share of the time that gaps may take where what lies between them is short."""
+
+EDGES, MOST_AT_EDGES = 2.0, 0.5
+"""s about a gap that filters take, and the share of the rows that may lie there: long runs with pauses between them are
+as good as runs in files of their own."""
 
 LONGEST_PERIOD = 0.5
 """s: rows farther apart cannot show a robot's motion; the time is then mostly in another unit."""
@@ -272,7 +276,7 @@ def _gap(base: TimeBase, column: str) -> Check:
     if not base.n_gaps:
         return Check("gaps", "ok", f"No step of t is longer than {GAP_PERIODS:g} periods.")
     first = base.gaps[0]
-    if base.missing > MOST_MISSING:
+    if base.missing > MOST_MISSING and EDGES * base.n_gaps > MOST_AT_EDGES * base.n_rows * base.period:
         return Check(
             "gaps",
             "error",
