@@ -8,9 +8,9 @@ have Stribeck friction which the diagnosis did not name apart from all others. L
 halts or more; `named`, what the program then says, of those with fewer as well.
 
 A halt counts where it holds so much beyond the model's friction, as a share of it, and so many times the residual
-where the joint moves. `taken`: joints of whose halts so many count that the program's test would say so; `and alike`:
-those of them that are as alike as it asks for. `counted`: the share of halts that count, exceeded by one joint in
-twenty.
+where the joint moves. `taken`: joints of whose halts so many count that the program's test would say so; `alike`: those
+of them that are as alike as it asks for; `or along`: or of which nearly all are towards the motion beside them.
+`counted`: the share of halts that count, exceeded by one joint in twenty.
 """
 
 from __future__ import annotations
@@ -69,6 +69,7 @@ class Joint:
     joints: int
     """Of the arm: as many are tested."""
     are_alike: bool
+    or_along: bool
     named: bool
 
 
@@ -105,7 +106,7 @@ def joints_of(case: Case, folder: Path) -> list[Joint]:
         counted = tuple(
             int(((halts.share >= share) & (halts.beyond >= times * residual)).sum()) for share, times in LIMITS
         )
-        same = len(halts.beyond), counted, robot.n, halts.are_alike, joint in by_halts
+        same = len(halts.beyond), counted, robot.n, halts.are_alike, halts.are_as_friction_has_them, joint in by_halts
         found.append(Joint(case.name, joint, joint in there, *same))
     print(*found, sep="\n", flush=True)
     return found
@@ -113,15 +114,15 @@ def joints_of(case: Case, folder: Path) -> list[Joint]:
 
 def table(joints: Sequence[Joint]) -> list[tuple[str, ...]]:
     """What limits would take for static friction, with and without Stribeck friction that was not named."""
-    rows = [("joints", "number", "share, times", "taken", "and alike", "counted")]
+    rows = [("joints", "number", "share, times", "taken", "alike", "or along", "counted")]
     for hidden, words in ((True, "Stribeck, not named"), (False, "all others")):
         own = [one for one in joints if one.hidden == hidden and one.halts >= HALTS]
         for k, (share, times) in enumerate(LIMITS):
             taken = [one for one in own if is_taken(one, k)]
             counted = np.quantile([one.counted[k] / one.halts for one in own] or [0.0], 0.95)
-            alike = sum(one.are_alike for one in taken)
+            alike, along = (sum(some) for some in ([t.are_alike for t in taken], [t.or_along for t in taken]))
             limits = f"{share:g}, {times:g}"
-            rows.append((words, str(len(own)), limits, str(len(taken)), str(alike), f"{counted:.2f}"))
+            rows.append((words, str(len(own)), limits, str(len(taken)), str(alike), str(along), f"{counted:.2f}"))
     return rows
 
 

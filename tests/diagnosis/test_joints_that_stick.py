@@ -146,9 +146,10 @@ def test_laws_of_the_velocity_take_friction_from_halts_and_those_of_the_path_do_
     assert not extrapolated(stribeck, {"coulomb", "viscous", "presliding"})
 
 
-def halts(beyond: np.ndarray, friction: float) -> Halts:
+def halts(beyond: np.ndarray, friction: float, along: float = 0.5) -> Halts:
     each = np.full(len(beyond), friction)
-    return Halts(beyond, each, beyond**2, np.ones(len(beyond)))
+    towards = (np.arange(len(beyond)) < along * len(beyond)).astype(float)
+    return Halts(beyond, each, beyond**2, np.ones(len(beyond)), towards)
 
 
 def test_halts_speak_for_static_friction_where_nearly_all_hold_much_more_than_the_friction_and_the_noise() -> None:
@@ -169,6 +170,14 @@ def test_what_a_brake_holds_is_not_alike_from_halt_to_halt() -> None:
     assert not halts(np.linspace(0.2, 3.0, 20), 1.0).are_alike
 
 
+def test_what_friction_holds_is_towards_the_motion_beside_it_and_what_a_brake_holds_towards_either_side() -> None:
+    sizes = np.linspace(0.2, 3.0, 20)
+    assert halts(sizes, 1.0, 0.95).are_along_the_motion
+    assert not halts(sizes, 1.0, 0.8).are_along_the_motion
+    # Four halts of a brake are all on one side in one of sixteen joints.
+    assert not halts(sizes[:4], 1.0, 1.0).are_along_the_motion
+
+
 def test_each_rest_of_a_joint_is_a_halt_and_what_is_held_beyond_its_friction_is_its_distance_from_the_band() -> None:
     run = breaking_away(1, COULOMB + EXCESS, 0.1, 0.0)
     compared = compare(identify(SCARA, [run]), run)
@@ -177,6 +186,9 @@ def test_each_rest_of_a_joint_is_a_halt_and_what_is_held_beyond_its_friction_is_
     assert rests - 1 <= len(found.beyond) <= rests + 1
     assert np.median(found.friction) == pytest.approx(COULOMB, rel=0.1)
     assert np.median(found.beyond) == pytest.approx(0.95 * (COULOMB + EXCESS) - COULOMB, rel=0.25)
+    assert 0.25 <= found.along.mean() <= 0.75
+    sticks = resting(1, EXCESS, 0.03)
+    assert halts_of([compare(identify(SCARA, [sticks]), sticks)], 0).along.mean() >= 0.9
 
 
 def rows_of(*, turns: bool) -> SimpleNamespace:

@@ -29,7 +29,7 @@ from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
 from dynident.robot import Robot
 
-# `benchmarks/held_at_rest.py` calibrates the first four.
+# `benchmarks/held_at_rest.py` calibrates the first five.
 
 _MUCH = 0.2
 """Share of what the model's friction holds that a halt has to hold beyond it."""
@@ -44,6 +44,10 @@ is more on one such joint in twenty."""
 _ALIKE = 0.5
 """Half of the halts lie at most so far apart, over the middle one: a joint breaks away at the same torque each time, a
 brake holds whatever there is."""
+
+_ALONG = 0.9
+"""Or in so many of them the torque is largest towards the motion beside it, as friction has it: where a filter smears
+halts of unequal length, what it leaves of the same torque is not alike. A brake holds towards either side."""
 
 _LIKE = 2.0
 """Times what is held, or its part, that the friction is at its width: between widths it is interpolated."""
@@ -65,13 +69,15 @@ _NOTICED = 1.005
 class Halts:
     """The halts (h,) of one joint: what is held beyond the model's friction, at most, in N m or N, and as squares.
 
-    `friction` is what the model's friction holds, `measured` the squared torque.
+    `friction` is what the model's friction holds, `measured` the squared torque. `along`: 1 where the most is held
+    towards the joint's motion at that end of the halt, else 0.
     """
 
     beyond: FloatArray
     friction: FloatArray
     squares: FloatArray
     measured: FloatArray
+    along: FloatArray
 
     @property
     def share(self) -> FloatArray:
@@ -83,6 +89,17 @@ class Halts:
         """Whether what is held is about the same in most halts."""
         low, middle, high = np.quantile(self.beyond, (0.25, 0.5, 0.75))
         return bool(high - low <= _ALIKE * middle)
+
+    @property
+    def are_along_the_motion(self) -> bool:
+        """Whether nearly all are held towards the motion beside them, and more than a brake's would be by chance."""
+        number = int(self.along.sum())
+        return number >= _ALONG * len(self.along) and bool(stats.binom.sf(number - 1, len(self.along), 0.5) <= ALPHA)
+
+    @property
+    def are_as_friction_has_them(self) -> bool:
+        """Whether they are alike or along the motion, which what a brake holds is not."""
+        return self.are_alike or self.are_along_the_motion
 
     def many(self, noise: float) -> int:
         """The number of halts that hold much more than a friction that the model has, and than its residual."""
@@ -96,19 +113,22 @@ class Halts:
 
 def halts_of(comparisons: Sequence[Comparison], joint: int) -> Halts:
     """The halts of a joint in the comparisons of one model."""
-    found: list[tuple[float, float, float, float]] = []
+    found: list[tuple[float, ...]] = []
     for one in comparisons:
         standing = one.phase[:, joint] == Phase.STANDING
         broken = np.concatenate([[True], np.diff(one.segment) != 0, [True]])
         edge = np.diff(np.concatenate([[False], standing, [False]]).astype(int))
         starts = np.flatnonzero(standing & ((edge[:-1] == 1) | broken[:-1]))
         ends = np.flatnonzero(standing & ((edge[1:] == -1) | broken[1:])) + 1
-        beyond, hold = np.abs(one.residual[:, joint]), 0.5 * (one.upper - one.lower)[:, joint]
-        found += [
-            (beyond[a:b].max(), hold[a:b].mean(), (beyond[a:b] ** 2).sum(), (one.measured[a:b, joint] ** 2).sum())
-            for a, b in zip(starts, ends, strict=True)
-        ]
-    return Halts(*np.array(found).reshape(-1, 4).T)
+        rest, hold = one.residual[:, joint], 0.5 * (one.upper - one.lower)[:, joint]
+        for a, b in zip(starts, ends, strict=True):
+            most = a + int(np.abs(rest[a:b]).argmax())
+            # The rows beside a halt move; at either end of a run there are none.
+            beside = min(b, len(rest) - 1) if broken[a] or (b - most <= most - a and not broken[b]) else a - 1
+            along = rest[most] * one.dq[beside, joint] > 0.0
+            measured = (one.measured[a:b, joint] ** 2).sum()
+            found.append((abs(rest[most]), hold[a:b].mean(), (rest[a:b] ** 2).sum(), measured, along))
+    return Halts(*np.array(found, dtype=float).reshape(-1, 5).T)
 
 
 def held_at_rest(
@@ -131,7 +151,7 @@ def held_at_rest(
     for joint in range(len(names)):
         halts = halts_of(final, joint)
         noise = float(final[0].noise[joint])
-        if halts.p(noise) > _WORTH_A_LOOK or not halts.are_alike:
+        if halts.p(noise) > _WORTH_A_LOOK or not halts.are_as_friction_has_them:
             continue
         tried = _best(grown, recordings, joint, halts, asked)
         if tried is None:
