@@ -122,9 +122,10 @@ def halts_of(comparisons: Sequence[Comparison], joint: int) -> Halts:
         ends = np.flatnonzero(standing & ((edge[1:] == -1) | broken[1:])) + 1
         rest, hold = one.residual[:, joint], 0.5 * (one.upper - one.lower)[:, joint]
         for a, b in zip(starts, ends, strict=True):
-            most = a + int(np.abs(rest[a:b]).argmax())
+            most = int(a + np.abs(rest[a:b]).argmax())
             # The rows beside a halt move; at either end of a run there are none.
-            beside = min(b, len(rest) - 1) if broken[a] or (b - most <= most - a and not broken[b]) else a - 1
+            after = broken[a] or (b - most <= most - a and not broken[b])
+            beside = min(int(b), len(rest) - 1) if after else int(a) - 1
             along = rest[most] * one.dq[beside, joint] > 0.0
             measured = (one.measured[a:b, joint] ** 2).sum()
             found.append((abs(rest[most]), hold[a:b].mean(), (rest[a:b] ** 2).sum(), measured, along))
