@@ -8,10 +8,12 @@ import io
 import numpy as np
 import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
+from dynident.identification.study import result
 from dynident.recordings import Preprocessing
 
 ROBOT = arm("scara")
@@ -123,3 +125,20 @@ def test_a_model_without_its_last_bytes_is_not_taken_for_its_parent():
     for missing in (1, 30, 100, 5000, len(CONTENT) // 2):
         with pytest.raises(DynidentError):
             from_bytes(CONTENT[:-missing])
+
+
+def test_a_model_is_written_with_blas_on_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On small matrices the others only spin: on a busy machine that took as long as the identification."""
+    threads: list[int] = []
+    condition_number = result.condition_number
+
+    def watched(reduction):
+        threads.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+        return condition_number(reduction)
+
+    monkeypatch.setattr(result, "condition_number", watched)
+    read = from_bytes(CONTENT)
+    with threadpool_limits(limits=2, user_api="blas"):
+        assert to_bytes(read)
+    assert threads
+    assert set(threads) == {1}
