@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from running_commands import dynident
+from running_commands import dynident, write_run
+from typer.testing import CliRunner
 
 from dynident.version import __version__
+from dynident_service.cli.app import program
 from dynident_service.settings import Settings
 
 VERBS = (
@@ -107,3 +110,29 @@ def test_a_verb_whose_packages_are_missing_names_them(monkeypatch: pytest.Monkey
     assert answer.code == 2
     assert "uvicorn" in answer.err
     assert "dynident[service]" in answer.err
+
+
+def test_a_command_that_is_typed_explains_itself_as_among_all_others() -> None:
+    for verb in VERBS:
+        alone = CliRunner().invoke(program(verb), [verb, "--help"], prog_name="dynident")
+        assert (alone.exit_code, alone.stdout) == (0, dynident(verb, "--help").out)
+
+
+def test_a_command_that_there_is_not_is_told_beside_those_there_are() -> None:
+    answer = CliRunner().invoke(program("identfy"), ["identfy"], prog_name="dynident")
+    assert answer.exit_code == 2
+    assert "identify" in answer.stderr
+
+
+def test_one_identifies_without_loading_what_takes_longer_to_load_than_that(tmp_path: Path) -> None:
+    run = write_run(tmp_path / "run.csv", 1)
+    script = (
+        "import sys; from dynident_service.cli.app import app; code = 0\n"
+        f"try:\n    app(['identify', 'scara', {str(run)!r}, '--json'], prog_name='dynident')\n"
+        "except SystemExit as end:\n    code = end.code or 0\n"
+        "heavy = {'scipy.signal', 'scipy.stats', 'matplotlib', 'fastapi', 'ruckig', 'clarabel'}\n"
+        "print(sorted(heavy & set(sys.modules)), code, file=sys.stderr)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stderr.splitlines()[-1].startswith("[] ")
+    assert json.loads(done.stdout)["parameters"]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.estimation import (
+    Apart,
+    Beside,
     FactorAccumulator,
     Reduction,
     concatenate,
@@ -115,6 +119,18 @@ def test_recordings_behind_one_another_are_told_apart_where_all_of_them_are():
     plain = reduction(*drawn[0])
     mixed = concatenate([plain, plain.select(range(N_COLUMNS)).stretches(range(3))])
     assert mixed.equations[0].turned is None
+
+
+def test_of_recordings_that_are_not_all_told_apart_it_is_known_all_the_same_which_rows_turn():
+    nothing = Apart(np.zeros((len(COLUMNS[0]) + 1,) * 2), 0)
+    standing = np.zeros((0, len(COLUMNS[0])))
+    beside = Beside(None, nothing, standing, standing, np.zeros(0), np.zeros(0))
+    told = replace(reduction(*rows(4, (0.1, 0.5))).equations[0], beside=beside)
+    mixed = concatenate([Reduction(N_COLUMNS, (one,), np.zeros((0, 2))) for one in (told, told.without_weights)])
+    turning = mixed.equations[0].turning
+    assert isinstance(turning, Apart)
+    assert turning.count == 2 * told.turned.count
+    assert turning.squares(TRUTH[COLUMNS[0]]) == pytest.approx(2 * told.turned.squares(TRUTH[COLUMNS[0]]))
 
 
 def test_where_no_joint_turns_round_nothing_changes():

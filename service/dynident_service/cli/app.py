@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
@@ -15,40 +16,16 @@ from dynident.version import __version__
 from dynident_service.cli.asked import with_options
 from dynident_service.cli.failures import CANCELLED, MISUSED, tell_failure
 from dynident_service.cli.files import check_inputs
-from dynident_service.cli.verbs import (
-    backup,
-    changes,
-    compare,
-    currents,
-    demo,
-    design,
-    diagnose,
-    doctor,
-    effects,
-    essential,
-    export,
-    extend,
-    gains,
-    identify,
-    inspect,
-    ladder,
-    remove,
-    report,
-    series,
-    serve,
-    simulate,
-    validate,
-)
 
-app = typer.Typer(
-    name="dynident",
-    help="Identify the dynamic parameters of a robot, and name the physics that its model is missing.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    add_completion=False,
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
+_COMMANDS = (
+    *("demo", "design", "simulate", "inspect", "identify", "compare", "diagnose", "changes", "validate", "essential"),
+    *("gains", "currents", "extend", "remove", "ladder", "report", "series", "export", "effects", "doctor"),
+    *("backup", "restore", "export_robot", "import_robot", "serve"),
 )
+"""In the order of the overview; each stands in the module of `dynident_service.cli.verbs` that has its name."""
+
+_MODULES = dict.fromkeys(("restore", "export_robot", "import_robot"), "backup")
+"""Of those that stand in another's."""
 
 
 def _show_version(wanted: bool) -> None:
@@ -57,7 +34,6 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _root(
     version: Annotated[
         bool, typer.Option("--version", help="Show the version and leave.", is_eager=True, callback=_show_version)
@@ -90,31 +66,27 @@ def _guarded(command: Callable[..., None]) -> Callable[..., None]:
     return guarded
 
 
-for _command in (
-    demo.demo,
-    design.design,
-    simulate.simulate,
-    inspect.inspect,
-    identify.identify,
-    compare.compare,
-    diagnose.diagnose,
-    changes.changes,
-    validate.validate,
-    essential.essential,
-    gains.gains,
-    currents.currents,
-    extend.extend,
-    remove.remove,
-    ladder.ladder,
-    report.report,
-    series.series,
-    export.export,
-    effects.effects,
-    doctor.doctor,
-    backup.backup,
-    backup.restore,
-    backup.export_robot,
-    backup.import_robot,
-    serve.serve,
-):
-    app.command()(_guarded(with_options(_command)))
+def program(typed: str | None = None) -> typer.Typer:
+    """The command line: of all commands, or with the one alone that was typed, where it is one: others cost time."""
+    chosen = [one for one in _COMMANDS if one.replace("_", "-") == typed] or _COMMANDS
+    made = typer.Typer(
+        name="dynident",
+        help="Identify the dynamic parameters of a robot, and name the physics that its model is missing.",
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        add_completion=False,
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    made.callback()(_root)
+    for one in chosen:
+        module = import_module(f"dynident_service.cli.verbs.{_MODULES.get(one, one)}")
+        made.command()(_guarded(with_options(getattr(module, one))))
+    return made
+
+
+def __getattr__(name: str) -> typer.Typer:
+    """`app`: the program with all its commands."""
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return program()

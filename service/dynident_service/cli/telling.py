@@ -18,16 +18,21 @@ Document = Mapping[str, object]
 
 
 def tell(
-    result: Result, what: str, described: Callable[[], Document], show: Callable[[Console], None], content: bytes = b""
+    result: Result,
+    what: str,
+    described: Callable[[], Document],
+    show: Callable[[Console], None],
+    content: Callable[[], bytes] | None = None,
 ) -> None:
     """Write what came out where it was asked for, its document where there is no `content`, and tell of it.
 
-    The document is made where it is needed: what describes an answer takes longer to load than a small robot to
+    Either is made where it is needed: what describes an answer takes longer to load than a small robot to
     identify.
     """
-    document = described() if result.as_json or (result.out is not None and not content) else {}
+    document = described() if result.as_json or (result.out is not None and content is None) else {}
     if result.out is not None:
-        write_whole(result.out, content or json.dumps(document, indent=1, allow_nan=False).encode())
+        whole = content() if content else json.dumps(document, indent=1, allow_nan=False).encode()
+        write_whole(result.out, whole)
     if result.as_json:
         terminal.print_json(document)
         return
@@ -50,4 +55,4 @@ def tell_rung(result: Result, found: Identification, parent_id: str, parent: Ide
         show_ladder(console, found)
         show_identification(console, found, parameters=False)
 
-    tell(result, "model", described, show, to_bytes(found))
+    tell(result, "model", described, show, lambda: to_bytes(found))

@@ -55,12 +55,13 @@ class Apart:
 class Beside:
     """What one equation, with p columns, has beside the rows that only count while its joint moves.
 
-    `turning`: rows where the joint turns round; `partial`: rows beside a halt, of the motion in them alone. Both are
-    among those that are fitted to. `upper`, `lower` (m, p) are rows of W at rest with the friction of
-    either direction, `y` (m,) what was measured there, and `weights` (m,) the rows that each stands for.
+    `turning`: rows where the joint turns round, None where the equation tells them apart by stretches; `partial`: rows
+    beside a halt, of the motion in them alone. Both are among those that are fitted to. `upper`, `lower` (m, p) are
+    rows of W at rest with the friction of either direction, `y` (m,) what was measured there, and `weights` (m,) the
+    rows that each stands for.
     """
 
-    turning: Apart
+    turning: Apart | None
     partial: Apart
     upper: FloatArray
     lower: FloatArray
@@ -84,14 +85,16 @@ class Beside:
     def select(self, places: Sequence[int]) -> Beside:
         """The same with only these of the columns."""
         picked = list(places)
-        turning, partial = self.turning.select(picked), self.partial.select(picked)
-        return replace(self, turning=turning, partial=partial, upper=self.upper[:, picked], lower=self.lower[:, picked])
+        turning = None if self.turning is None else self.turning.select(picked)
+        upper, lower = self.upper[:, picked], self.lower[:, picked]
+        return replace(self, turning=turning, partial=self.partial.select(picked), upper=upper, lower=lower)
 
     def combined(self, change: FloatArray) -> Beside:
         """The same with columns that are combinations: [W | Y] change (p + 1, p' + 1), where Y stays what it is."""
         own = change[:-1, :-1]
-        turning, partial = self.turning.combined(change), self.partial.combined(change)
-        return replace(self, turning=turning, partial=partial, upper=self.upper @ own, lower=self.lower @ own)
+        turning = None if self.turning is None else self.turning.combined(change)
+        upper, lower = self.upper @ own, self.lower @ own
+        return replace(self, turning=turning, partial=self.partial.combined(change), upper=upper, lower=lower)
 
 
 def distance_to_band(y: FloatArray, one: FloatArray, other: FloatArray) -> FloatArray:
@@ -104,8 +107,9 @@ def beside_all(parts: Sequence[Beside | None]) -> Beside | None:
     known = [part for part in parts if part is not None]
     if len(known) < len(parts) or not known:
         return None
+    turning = [part.turning for part in known if part.turning is not None]
     return Beside(
-        turning=Apart.joined([part.turning for part in known]),
+        turning=Apart.joined(turning) if len(turning) == len(known) else None,
         partial=Apart.joined([part.partial for part in known]),
         upper=np.concatenate([part.upper for part in known]),
         lower=np.concatenate([part.lower for part in known]),
@@ -119,13 +123,8 @@ class BesideAccumulator:
 
     def __init__(self, n_columns: int) -> None:
         self._p = n_columns
-        nothing = Apart(np.zeros((n_columns + 1, n_columns + 1)), 0)
-        self._turning, self._partial = nothing, nothing
+        self._partial = Apart(np.zeros((n_columns + 1, n_columns + 1)), 0)
         self._parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
-
-    def push_turning(self, rows: FloatArray) -> None:
-        """Add rows of [W | Y] (m, p + 1) where the joint turns round."""
-        self._turning = _with_rows(self._turning, rows)
 
     def push_partial(self, rows: FloatArray) -> None:
         """Add rows of [W | Y] (m, p + 1) of the motion beside a halt."""
@@ -143,7 +142,7 @@ class BesideAccumulator:
         every = -(-len(y) // MOST) if len(y) else 1
         weights = np.full(len(y[::every]), len(y) / max(len(y[::every]), 1))
         kept = upper[::every], lower[::every], y[::every]
-        return Beside(self._turning, self._partial, *kept, weights)
+        return Beside(None, self._partial, *kept, weights)
 
 
 def _with_rows(known: Apart, rows: FloatArray) -> Apart:

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
-from dynident.estimation.beside import Beside, beside_all
+from dynident.estimation.beside import Apart, Beside, beside_all
 from dynident.estimation.triangles import join, squared, triangular
 from dynident.estimation.turned import Turned
 from dynident.estimation.whitening import Whitened, whitened
@@ -81,6 +81,22 @@ class EquationFactors:
         if self.turned is None or self.turned.weight == weight:
             return self
         return self._of(self.columns, replace(self.turned, weight=weight), self.beside)
+
+    @property
+    def turning(self) -> Apart | Turned | None:
+        """The rows where the joint turns round, each counting alike; None where they are not known."""
+        kept = None if self.beside is None else self.beside.turning
+        return self.turned if kept is None else kept
+
+    @property
+    def without_weights(self) -> EquationFactors:
+        """The same where rows at which the joint turns round cannot be weighed any more, only told from the others."""
+        if self.turned is None:
+            return self
+        beside = self.beside
+        if beside is not None and beside.turning is None:
+            beside = replace(beside, turning=self.turned.in_one)
+        return EquationFactors(self.columns, self.factors, self.counts, beside)
 
     def _of(self, columns: IndexArray, turned: Turned, beside: Beside | None) -> EquationFactors:
         return EquationFactors(columns, turned.together, self.counts, beside, turned)
@@ -161,6 +177,11 @@ class Reduction:
         """The same data where every row counts alike."""
         return self.weighing_turns(np.ones(len(self.equations)))
 
+    @property
+    def without_weights(self) -> Reduction:
+        """The same data where rows at which joints turn round cannot be weighed any more: it takes up less room."""
+        return replace(self, equations=tuple(equation.without_weights for equation in self.equations))
+
     def stretches(self, indices: Sequence[int]) -> Reduction:
         """Only these stretches of time."""
         picked = list(indices)
@@ -178,6 +199,8 @@ def concatenate(parts: Sequence[Reduction]) -> Reduction:
 def _behind(parts: Sequence[EquationFactors]) -> EquationFactors:
     """The same equation in several data sets; where joints turn round is told only where all of them know it."""
     told = [part.turned for part in parts if part.turned is not None]
+    if len(told) < len(parts):
+        parts = [part.without_weights for part in parts]
     return EquationFactors(
         parts[0].columns,
         np.concatenate([part.factors for part in parts]),

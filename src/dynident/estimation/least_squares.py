@@ -158,7 +158,9 @@ def moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
     squares, measured, counts = found.squares.copy(), found.measured.copy(), found.counts.copy()
     for k, equation in enumerate(reduction.equations):
         if equation.beside is not None:
-            for rows in (equation.beside.turning, equation.beside.partial):
+            for rows in (equation.turning, equation.beside.partial):
+                if rows is None:
+                    continue
                 squares[k] -= rows.squares(values[equation.columns])
                 measured[k] -= rows.measured
                 counts[k] -= rows.count

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
+from dynident.estimation.beside import Apart
 from dynident.estimation.triangles import squared, triangular
 
 
@@ -40,6 +41,16 @@ class Turned:
     def measured(self) -> float:
         """Sum of squared Y where the joint turns round."""
         return float((self.rows[:, :, -1] ** 2).sum())
+
+    @property
+    def count(self) -> int:
+        """Number of rows where the joint turns round."""
+        return int(self.counts.sum())
+
+    @property
+    def in_one(self) -> Apart:
+        """The rows where the joint turns round, no longer by stretches."""
+        return Apart(squared(triangular(self.rows.reshape(-1, self.rows.shape[2]))), self.count)
 
     def squares(self, values: FloatArray) -> float:
         """Squared residual of parameters (p,) where the joint turns round."""

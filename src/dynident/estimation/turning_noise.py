@@ -8,7 +8,7 @@ from dynident.arrays import FloatArray
 from dynident.estimation.factors import EquationFactors, Reduction
 from dynident.estimation.information import Information
 from dynident.estimation.least_squares import EstimationError, weighed_squares, weighted
-from dynident.estimation.triangles import join, squared, triangular
+from dynident.estimation.triangles import join
 from dynident.estimation.turned import Turned
 
 _MOST_ROUNDS = 20
@@ -43,8 +43,7 @@ def _in_one(equation: EquationFactors) -> EquationFactors:
     if equation.turned is None:
         return EquationFactors(equation.columns, equation.joined[None], counts)
     turned = equation.turned
-    rows = squared(triangular(turned.rows.reshape(-1, turned.rows.shape[2])))
-    own = Turned(join(turned.others)[None], rows[None], np.array([turned.counts.sum()]))
+    own = Turned(join(turned.others)[None], turned.in_one.factor[None], np.array([turned.count]))
     return EquationFactors(equation.columns, own.together, counts, None, own)
 
 

@@ -18,9 +18,8 @@ _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
 
 @dataclass(frozen=True, eq=False)
 class BesideRows:
-    """[W | Y] where a joint turns round, of motion beside a halt; W (k, p) either way and Y (k,) where it stands."""
+    """[W | Y] of motion beside a halt; W (k, p) either way and Y (k,) where a joint stands."""
 
-    turning: FloatArray
     partial: FloatArray
     upper: FloatArray
     lower: FloatArray
@@ -118,7 +117,6 @@ class Folding:
                 segment = part.segment
             accumulator.push(part.t, part.rows, part.used)
             for one, rows in zip(kept, part.beside or (), strict=False):
-                one.push_turning(rows.turning)
                 one.push_partial(rows.partial)
                 one.push_standing(rows.upper, rows.lower, rows.y)
             told(min(1.0, float(part.t[-1] - start) / duration), recording.name)

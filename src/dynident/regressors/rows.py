@@ -16,7 +16,7 @@ from dynident.regressors.folding import used_duration
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases, same_instants
-from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_by_phase
+from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings
 
 MOST_VALUES = 4_000_000
 """Entries that are kept of one data set at most, 32 MB: twenty minutes of recording at a usual decimation."""
@@ -56,7 +56,7 @@ def reduce_and_keep(
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> tuple[Reduction, KeptRows | None]:
-    """Reduce recordings to a model's columns as `reduce_by_phase` does, and keep their rows where they are few.
+    """Reduce recordings to a model's columns as `reduce_recordings` does, and keep their rows where they are few.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def reduce_and_keep(
     usable = known if known is not None and _extends(observation, reference, known) else None
     if _most_values(observation, recordings, preprocessing) > MOST_VALUES:
         samples_of = _beside(usable, observation, model.at_rest, preprocessing, reference)
-        return reduce_by_phase(
+        return reduce_recordings(
             observation, recordings, preprocessing, reference, progress, samples_of, model.at_rest
         ), None
     kept: dict[Recording, tuple[FilteredSamples, ...]] = {}
@@ -79,7 +79,7 @@ def reduce_and_keep(
             yield samples
         kept[recording] = tuple(collected)
 
-    reduction = reduce_by_phase(
+    reduction = reduce_recordings(
         observation, recordings, preprocessing, reference, progress, samples_and_keep, model.at_rest
     )
     used = reference if model.needs_load else None
@@ -109,7 +109,7 @@ def reduce_with_more(
     usable = known if known is not None and _extends(observation, reference, known) else None
 
     samples_of = _beside(usable, observation, None, preprocessing, reference)
-    return reduce_by_phase(observation, recordings, preprocessing, reference, progress, samples_of)
+    return reduce_recordings(observation, recordings, preprocessing, reference, progress, samples_of, by_phase=True)
 
 
 def _most_values(observation: Observation, recordings: Sequence[Recording], preprocessing: Preprocessing) -> float:

@@ -260,6 +260,8 @@ def reduce_recordings(
     progress: Progress = silent,
     samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None,
     at_rest: Observation | None = None,
+    *,
+    by_phase: bool = False,
 ) -> Reduction:
     """Fold all recordings into triangular factors, one a joint and stretch of time; W is never stored.
 
@@ -275,28 +277,15 @@ def reduce_recordings(
         Gives a recording's filtered samples, where they are at hand.
     at_rest : Observation, optional
         The friction of the same columns at rest: what is left out is then kept beside the factors.
+    by_phase : bool
+        Whether rows where joints turn round are told apart, so that they may be weighed; with `at_rest` they are.
     """
-    rows_of = ObservationRows(observation, preprocessing, reference, samples_of, at_rest)
-    return folded(rows_of, _columns(observation), observation.n_columns, recordings, progress, at_rest is not None)
-
-
-def reduce_by_phase(
-    observation: Observation,
-    recordings: Sequence[Recording],
-    preprocessing: Preprocessing,
-    reference: FloatArray,
-    progress: Progress = silent,
-    samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None,
-    at_rest: Observation | None = None,
-) -> Reduction:
-    """The same as `reduce_recordings`, with rows where joints turn round told apart, so that they may be weighed."""
-    rows_of = ObservationRows(observation, preprocessing, reference, samples_of, at_rest, by_phase=True)
-    columns = 2 * _columns(observation)
-    return told_apart(folded(rows_of, columns, observation.n_columns, recordings, progress, at_rest is not None))
-
-
-def _columns(observation: Observation) -> list[IndexArray]:
-    return [observation.joint_entries(joint)[1] for joint in range(observation.robot.n)]
+    beside = at_rest is not None
+    apart = by_phase or beside
+    rows_of = ObservationRows(observation, preprocessing, reference, samples_of, at_rest, apart)
+    columns = [observation.joint_entries(joint)[1] for joint in range(observation.robot.n)] * (2 if apart else 1)
+    found = folded(rows_of, columns, observation.n_columns, recordings, progress, beside)
+    return told_apart(found) if apart else found
 
 
 @dataclass(frozen=True, eq=False)
@@ -363,5 +352,4 @@ class AtRest:
             if samples.at_rest is not None:
                 w[:, np.searchsorted(self._columns[joint], columns)] = samples.at_rest[standing][:, positions]
             either.append(w)
-        turning = rows[phase[:, joint] == Phase.REVERSING]
-        return BesideRows(turning, rows[partial[:, joint]], either[0], either[1], whole[standing, -1])
+        return BesideRows(rows[partial[:, joint]], either[0], either[1], whole[standing, -1])

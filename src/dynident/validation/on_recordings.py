@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,11 +60,7 @@ def validate_direct(
     DynidentError
         For a limit that is not above zero, or no recording at all.
     """
-    each = _tried(identification, recordings, limit, progress)
-    total = _together([one.errors for one in each])
-    moving = _together([one.moving for one in each])
-    judged = _judged(identification, total, moving, limit, "the identification's own data")
-    return TorqueValidation(each, total, moving, limit, judged)
+    return _validated(identification, recordings, limit, "the identification's own data", progress)
 
 
 @single_threaded
@@ -88,24 +84,31 @@ def validate_cross(
     DynidentError
         For a limit that is not above zero, or no recording at all.
     """
-    each = _tried(identification, recordings, limit, progress)
-    total = _together([one.errors for one in each])
-    moving = _together([one.moving for one in each])
-    judged = _judged(identification, total, moving, limit, "data that no parameter saw")
-    own = identification.fit.relative_total
-    if judged.verdict == "pass" and total.relative_total > OVERFIT * own and _clearly_worse(identification, total):
-        judged = Judged(
-            "fail",
-            f"The error is {total.relative_total:.1%} on data that no parameter saw, against {own:.1%} in the fit: the "
-            "identification's motion does not determine the model, or this motion shows what that one did not.",
-        )
-    return TorqueValidation(each, total, moving, limit, judged)
+    found = _validated(identification, recordings, limit, "data that no parameter saw", progress)
+    error, own = found.total.relative_total, identification.fit.relative_total
+    if found.judged.verdict != "pass" or error <= OVERFIT * own or not _clearly_worse(identification, found.total):
+        return found
+    judged = Judged(
+        "fail",
+        f"The error is {error:.1%} on data that no parameter saw, against {own:.1%} in the fit: the identification's "
+        "motion does not determine the model, or this motion shows what that one did not.",
+    )
+    return replace(found, judged=judged)
 
 
 def check_limit(limit: float) -> None:
     """Raise `DynidentError` where a relative error is no share above zero."""
     if not (np.isfinite(limit) and limit > 0):
         raise DynidentError(f"limit is {limit}; give a relative error above 0, such as 0.15", pointer="/limit")
+
+
+def _validated(
+    identification: Identification, recordings: Sequence[Recording], limit: float, on_what: str, progress: Progress
+) -> TorqueValidation:
+    each = _tried(identification, recordings, limit, progress)
+    total = _together([one.errors for one in each])
+    moving = _together([one.moving for one in each])
+    return TorqueValidation(each, total, moving, limit, _judged(identification, total, moving, limit, on_what))
 
 
 def _tried(

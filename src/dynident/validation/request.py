@@ -62,36 +62,46 @@ class Trial(Kind):
 
 
 @dataclass(frozen=True)
-class Direct(Trial):
+class UpToALimit(Trial):
+    """A validation that passes where a relative error is not above a limit."""
+
+    limit: float | None = said("Largest relative error that passes, 0.15", default=None, above=0, at_most=10)
+
+    @property
+    def largest(self) -> float:
+        """The limit, or the usual one where none is given."""
+        from dynident.validation import LARGEST_ERROR
+
+        return self.limit or LARGEST_ERROR
+
+
+@dataclass(frozen=True)
+class Direct(UpToALimit):
     """Errors on the identification's own data."""
 
     name = "direct"
     words = "The torque error on the data that the model was identified from."
     takes_recordings = False
 
-    limit: float | None = said("Largest relative error that passes, 0.15", default=None, above=0, at_most=10)
-
     def judge(self, tried: Tried) -> TorqueValidation:
         """Make it."""
-        from dynident.validation import LARGEST_ERROR, validate_direct
+        from dynident.validation import validate_direct
 
-        return validate_direct(tried.model, tried.recordings, self.limit or LARGEST_ERROR, tried.progress)
+        return validate_direct(tried.model, tried.recordings, self.largest, tried.progress)
 
 
 @dataclass(frozen=True)
-class Cross(Trial):
+class Cross(UpToALimit):
     """Errors on data that the model has not seen."""
 
     name = "cross"
     words = "The torque error on data that no parameter saw."
 
-    limit: float | None = said("Largest relative error that passes, 0.15", default=None, above=0, at_most=10)
-
     def judge(self, tried: Tried) -> TorqueValidation:
         """Make it."""
-        from dynident.validation import LARGEST_ERROR, validate_cross
+        from dynident.validation import validate_cross
 
-        return validate_cross(tried.model, tried.recordings, self.limit or LARGEST_ERROR, tried.progress)
+        return validate_cross(tried.model, tried.recordings, self.largest, tried.progress)
 
 
 @dataclass(frozen=True)
@@ -155,24 +165,23 @@ class Methods(Trial):
 
 
 @dataclass(frozen=True)
-class Simulation(Trial):
+class Simulation(UpToALimit):
     """A simulated robot against the recorded one."""
 
     name = "simulation"
     words = "A robot with these parameters makes the recorded motion: does it need the recorded torque?"
 
-    limit: float | None = said("Largest relative error that passes, 0.15", default=None, above=0, at_most=10)
     longest: float | None = said("Simulated at most", default=None, unit="s", above=0, at_most=300)
 
     def judge(self, tried: Tried) -> list[SimulationValidation]:
         """Make it on each recording."""
         from dynident.progress import part
-        from dynident.validation import LARGEST_ERROR, validate_simulation
+        from dynident.validation import validate_simulation
         from dynident.validation.simulation import LONGEST
 
-        limit, longest, n = self.limit or LARGEST_ERROR, self.longest or LONGEST, len(tried.recordings)
+        longest, n = self.longest or LONGEST, len(tried.recordings)
         return [
-            validate_simulation(tried.model, one, limit, longest, part(tried.progress, k / n, (k + 1) / n))
+            validate_simulation(tried.model, one, self.largest, longest, part(tried.progress, k / n, (k + 1) / n))
             for k, one in enumerate(tried.recordings)
         ]
 

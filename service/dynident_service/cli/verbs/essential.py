@@ -30,5 +30,5 @@ def essential(
         "model",
         lambda: plain(describe_essential(found)),
         lambda console: shown.show_essential(console, found),
-        to_bytes(found.identification),
+        lambda: to_bytes(found.identification),
     )

@@ -110,6 +110,6 @@ def identify(
         shown.show_identification(console, found)
         shown_verdicts.show_verdict(console, judged)
 
-    telling.tell(result, "model", described, show, to_bytes(found))
+    telling.tell(result, "model", described, show, lambda: to_bytes(found))
     if judged.stop is not None:
         raise typer.Exit(shown_verdicts.STOPPED)

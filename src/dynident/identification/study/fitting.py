@@ -60,7 +60,7 @@ def identify_model(
     data = ReducedData(
         training.equations,
         training.torque,
-        None if held_out is None else held_out.torque,
+        None if held_out is None else held_out.torque.without_weights,
         None,
         preprocessing,
         tuple(recording.name for recording in recordings),

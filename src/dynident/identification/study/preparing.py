@@ -15,7 +15,7 @@ from dynident.identification.shapes.shapes import complete_shapes, lacks_shape
 from dynident.progress import Progress, part
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import build_model
-from dynident.regressors.stream import reduce_by_phase
+from dynident.regressors.stream import reduce_recordings
 from dynident.robot.model import Robot
 
 
@@ -46,7 +46,9 @@ def prepared(
         )
     first = build_model(robot, plain, tolerance=choices.tolerance)
     nothing = ReferenceParameters.nothing(robot).vector
-    reduction = reduce_by_phase(first.observation, recordings, preprocessing, nothing, part(progress, 0.0, 0.5))
+    reduction = reduce_recordings(
+        first.observation, recordings, preprocessing, nothing, part(progress, 0.0, 0.5), by_phase=True
+    )
     prior = prior_of(first, choices.trust)
     check_reduction(first, reduction, prior)
     if choices.weighs_turns:

@@ -16,6 +16,7 @@ from dynident.identification.study.in_memory import NONE_IN_MEMORY, RowsInMemory
 from dynident.identification.study.reduced_data import ReducedData
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
+from dynident.threads import single_threaded
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +116,7 @@ class Identification:
     @cached_property
     def condition_number(self) -> float:
         """Of W, of the chosen model."""
-        return condition_number(self.data.equations)
+        return single_threaded(condition_number)(self.data.equations)
 
     @property
     def n_equations(self) -> int:

@@ -309,7 +309,9 @@ def _put_reduction(arrays: dict[str, Any], name: str, reduction: Reduction) -> N
 
 def _put_beside(arrays: dict[str, Any], name: str, beside: Beside) -> None:
     for kind in _APART:
-        rows: Apart = getattr(beside, kind)
+        rows: Apart | None = getattr(beside, kind)
+        if rows is None:
+            continue
         arrays[f"{name}_{kind}"] = rows.factor[*np.triu_indices(len(rows.factor))]
         arrays[f"{name}_n_{kind}"] = np.array(rows.count)
     for part in _AT_REST:
@@ -317,12 +319,17 @@ def _put_beside(arrays: dict[str, Any], name: str, beside: Beside) -> None:
 
 
 def _beside(arrays: Mapping[str, Any], name: str, size: int) -> Beside | None:
-    if f"{name}_turning" not in arrays:
+    if f"{name}_partial" not in arrays:
         return None
-    turning, partial = (
-        Apart(_triangles(arrays[f"{name}_{kind}"][None], size)[0], int(arrays[f"{name}_n_{kind}"])) for kind in _APART
-    )
+    partial = _apart(arrays, f"{name}_partial", f"{name}_n_partial", size)
+    turning = None
+    if f"{name}_turning" in arrays:  # of data that is not weighed, or of a version that kept these rows twice
+        turning = _apart(arrays, f"{name}_turning", f"{name}_n_turning", size)
     return Beside(turning, partial, *(arrays[f"{name}_{part}"] for part in _AT_REST))
+
+
+def _apart(arrays: Mapping[str, Any], factor: str, count: str, size: int) -> Apart:
+    return Apart(_triangles(arrays[factor][None], size)[0], int(arrays[count]))
 
 
 def _reduction(arrays: Mapping[str, Any], name: str) -> Reduction:
