@@ -6,7 +6,7 @@ from math import ceil, pi, prod
 from typing import NamedTuple
 
 import numpy as np
-from scipy import special
+from scipy import signal
 
 from dynident.arrays import BoolArray, FloatArray
 
@@ -33,12 +33,7 @@ def low_pass(rate: float, cutoff: float | None) -> FloatArray:
     half_width = min(0.5 * cutoff, 0.9 * (0.5 * rate - cutoff))
     width = 2.0 * half_width / (0.5 * rate)
     half = max(1, ceil((ATTENUATION - 7.95) / (2.285 * pi * width) / 2.0))
-    # As `scipy.signal.firwin` has it, which takes long to load.
-    places, share = np.arange(-half, half + 1, dtype=np.float64), cutoff / (0.5 * rate)
-    beta = 0.5842 * (ATTENUATION - 21.0) ** 0.4 + 0.07886 * (ATTENUATION - 21.0)
-    window = special.i0(beta * np.sqrt(1.0 - (places / half) ** 2.0)) / special.i0(beta)
-    taps: FloatArray = share * np.sinc(share * places) * window
-    taps /= np.sum(taps)
+    taps: FloatArray = signal.firwin(2 * half + 1, cutoff, window=("kaiser", signal.kaiser_beta(ATTENUATION)), fs=rate)
     return 0.5 * (taps + taps[::-1])
 
 

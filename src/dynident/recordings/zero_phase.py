@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from math import ceil, log
 
 import numpy as np
+from scipy import signal
 
 from dynident.arrays import FloatArray
-from dynident.recordings.sections import butterworth
 
 FORGOTTEN = 1e-16
 """The backward pass starts this far ahead: what it does not know of the future has decayed to rounding error."""
@@ -29,13 +29,14 @@ class ZeroPhase:
     """
 
     def __init__(self, rate: float, cutoff: float, order: int) -> None:
-        self._once = butterworth(order, cutoff, rate)
-        self._steady = self._once.steady[:, :, None]
-        self._decay = -log(min(float(np.abs(self._once.poles).max()), 1.0 - 1e-15))
+        self._sos = signal.butter(order, cutoff, fs=rate, output="sos")
+        self._zi = signal.sosfilt_zi(self._sos)[:, :, None]
+        poles = signal.butter(order, cutoff, fs=rate, output="zpk")[1]
+        self._decay = -log(min(float(np.abs(poles).max()), 1.0 - 1e-15))
         # The same extension at the ends as scipy.signal.sosfiltfilt takes by default.
-        sections = self._once.sections
-        at_origin = min(int((sections[:, 2] == 0).sum()), int((sections[:, 5] == 0).sum()))
-        self._pad = 3 * (2 * len(sections) + 1 - at_origin)
+        sections = len(self._sos)
+        at_origin = min(int((self._sos[:, 2] == 0).sum()), int((self._sos[:, 5] == 0).sum()))
+        self._pad = 3 * (2 * sections + 1 - at_origin)
 
     @property
     def lookahead(self) -> int:
@@ -63,17 +64,17 @@ class ZeroPhase:
             if state is None:
                 start = 2 * block[0] - block[pad:0:-1]
                 block_ends = np.concatenate([start, block])
-                state = self._steady * block_ends[0]
+                state = self._zi * block_ends[0]
                 if pad:
-                    state = self._once.run(start, state)[1]
+                    state = signal.sosfilt(self._sos, start, axis=0, zi=state)[1]
             tail = block if len(block) > pad else np.concatenate([tail, block])[-(pad + 1) :]
-            forward, state = self._once.run(block, state)
+            forward, state = signal.sosfilt(self._sos, block, axis=0, zi=state)
             waiting.append(forward)
             n_waiting += len(forward)
             if last:
                 end = 2 * tail[-1] - tail[-2 : -(pad + 2) : -1]
                 if pad:
-                    waiting.append(self._once.run(end, state)[0])
+                    waiting.append(signal.sosfilt(self._sos, end, axis=0, zi=state)[0])
                 yield self._backward(waiting)[:n_waiting]
                 return
             if n_waiting >= 2 * ahead:
@@ -84,4 +85,5 @@ class ZeroPhase:
 
     def _backward(self, parts: list[FloatArray]) -> FloatArray:
         forward = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        return self._once.run(forward[::-1], self._steady * forward[-1])[0][::-1]
+        reverse: FloatArray = signal.sosfilt(self._sos, forward[::-1], axis=0, zi=self._zi * forward[-1])[0]
+        return reverse[::-1]

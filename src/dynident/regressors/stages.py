@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from math import ceil
 
 import numpy as np
+from scipy import signal
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.regressors.forms import Form
@@ -60,8 +61,6 @@ def smoothed(samples: Iterable[Samples], pole: float, rate: float) -> Iterator[S
     W and Y pass the same filter, so that no discretisation can bias the estimates. Rows that are not used enter as
     zeros on both sides of the equations.
     """
-    from scipy import signal  # long to load, and one model alone needs it
-
     b, a = signal.bilinear([pole**2], [1.0, 2.0 * pole, pole**2], rate)
     settling = ceil(_SETTLED / pole * rate)
     state = np.zeros((2, 0))
