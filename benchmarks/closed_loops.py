@@ -17,7 +17,7 @@ import numpy as np
 from common import FloatArray, median_time, show
 from machines import MACHINES, five_bar, machine, states
 
-from dynident.effects import EffectChoice, Signals, columns_of
+from dynident.effects import EffectChoice, ReferenceParameters, Signals, columns_of
 from dynident.expressions import Program
 from dynident.regressors.observation import Observation
 from dynident.robot import Robot
@@ -63,7 +63,7 @@ def samples_a_second(*runs: Callable[[], object]) -> list[float]:
 def entries_of(robot: Robot):
     signals = Signals(robot)
     observation = Observation.of(robot, columns_of([EffectChoice("rigid_body")], signals), signals)
-    given = {"reference": np.zeros(10 * robot.tree.n), "memory": np.zeros((M, 0))}
+    given = {"reference": ReferenceParameters.nothing(robot), "memory": np.zeros((M, 0))}
     return lambda q, dq, ddq: observation.evaluate(q, dq, ddq, **given)
 
 

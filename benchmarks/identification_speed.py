@@ -25,7 +25,7 @@ from common import (
 )
 from compared import compared
 
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.identification import Identification, IdentificationChoices, identify_model
 from dynident.progress import silent
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing, recording_from_arrays
@@ -57,7 +57,7 @@ def main() -> None:
 
     def identified() -> Identification:
         choices = IdentificationChoices(effects=EFFECTS, estimator="wls")
-        reference = np.zeros(10 * robot.n)
+        reference = ReferenceParameters.nothing(robot)
         found = identify_model(ours, [recorded()], [], choices, preprocessing, reference, silent)
         assert found.statistics.standard_deviations.shape == (ours.n_parameters,)
         return found

@@ -28,7 +28,7 @@ import pinocchio
 from common import FloatArray
 from scipy.signal import lfilter
 
-from dynident.effects import Column, EffectChoice, MemorySignal
+from dynident.effects import Column, EffectChoice, MemorySignal, ReferenceParameters
 from dynident.effects.memory import step
 from dynident.estimation import CovarianceName, statistics
 from dynident.identification import Identification, IdentificationChoices, identify, identify_model
@@ -183,7 +183,7 @@ def study(recordings: int, first: int = 0, estimator: EstimatorName = "wls", mem
         recording = arm.recorded(seed, memory)
         filters = choose_preprocessing([recording])
         choices = IdentificationChoices(effects=EFFECTS, preprocessing=filters, estimator=estimator)
-        found = identify_model(model, [recording], [], choices, filters, np.zeros(14 * arm.robot.n), silent)
+        found = identify_model(model, [recording], [], choices, filters, ReferenceParameters.nothing(arm.robot), silent)
         errors.append(found.values - truth)
         deviations.append(found.statistics.standard_deviations)
         for name in AVAILABLE_COVARIANCES:

@@ -15,7 +15,7 @@ import pinocchio
 from common import FloatArray, median_time, show
 from compared import compared
 
-from dynident.effects import EffectChoice, Signals, columns_of
+from dynident.effects import EffectChoice, ReferenceParameters, Signals, columns_of
 from dynident.regressors.observation import Observation
 from dynident.robot import robot_from_library, to_pinocchio
 from dynident.robot.pinocchio_model import dynamic_parameters
@@ -39,7 +39,7 @@ def measure(name: str) -> None:
     data = model.createData()
     q, dq, ddq = np.random.default_rng(0).uniform(-2, 2, (3, N_BLOCK, robot.n))
     few = (q[:N_LOOP], dq[:N_LOOP], ddq[:N_LOOP])
-    reference, memory = np.zeros(10 * robot.n), np.zeros((N_BLOCK, 0))
+    reference, memory = ReferenceParameters.nothing(robot), np.zeros((N_BLOCK, 0))
 
     def compiled() -> FloatArray:
         return observation.evaluate(q, dq, ddq, reference=reference, memory=memory)

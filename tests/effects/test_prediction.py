@@ -192,7 +192,13 @@ def test_parameters_of_half_of_the_motors_are_not_filled_up_with_nothing(length)
     robot = robot_from_library("ur10")
     with pytest.raises(DynidentError, match="expected 60 of the links alone, or 84 with Ia, Fc, Fv and b"):
         ReferenceParameters.of_vector(np.zeros(length), robot)
+
+
+@pytest.mark.parametrize(("links", "joints"), [(5, 6), (6, 5), (7, 7)])
+def test_parameters_of_another_robot_predict_no_torque_of_this_one(links, joints):
+    robot = robot_from_library("ur10")
     signals = Signals(robot)
     observation = Observation.of(robot, columns_of([EffectChoice("drive_gain_error")], signals), signals)
-    with pytest.raises(DynidentError, match="reference parameters for 6 links"):
-        observation.evaluate(*np.zeros((3, 1, 6)), reference=np.zeros(length), memory=np.zeros((1, 0)))
+    other = ReferenceParameters.of_links(np.zeros((links, 10)), joints)
+    with pytest.raises(DynidentError, match=f"of {links} links and {joints} driven joints; ur10 has 6 and 6"):
+        observation.evaluate(*np.zeros((3, 1, 6)), reference=other, memory=np.zeros((1, 0)))

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import resample
 
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import Cancelled, DynidentError
 from dynident.excitation import (
     CriterionChoice,
@@ -138,7 +138,9 @@ def _dense_observation(robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndar
 
     model = build_model(robot, INERTIA_AND_FRICTION)
     observation = model.observation
-    entries = observation.evaluate(q, dq, ddq, reference=np.zeros(10 * robot.n), memory=np.zeros((len(q), 0)))
+    entries = observation.evaluate(
+        q, dq, ddq, reference=ReferenceParameters.nothing(robot), memory=np.zeros((len(q), 0))
+    )
     w = np.zeros((len(q), robot.n, observation.n_columns))
     w[:, observation.entry_rows, observation.entry_columns] = entries
     return w.reshape(-1, observation.n_columns)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.excitation import CriterionChoice, Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import IdentificationChoices, identify_model
 from dynident.progress import silent
@@ -87,7 +87,7 @@ class Arm:
         recordings = self.recorded(design, seed)
         filters = choose_preprocessing(recordings)
         choices = IdentificationChoices(effects=EFFECTS, preprocessing=filters)
-        reference = np.zeros(14 * self.robot.n)
+        reference = ReferenceParameters.nothing(self.robot)
         found = identify_model(self.model, recordings, [], choices, filters, reference, silent)
         return found.values - self.truth
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from oracles import Motion, pinocchio_torque, random_states
 
+from dynident.effects import ReferenceParameters
 from dynident.estimation import FactorAccumulator, concatenate
 from dynident.identification.equations.data import Data
 from dynident.recordings import Preprocessing
@@ -50,7 +51,7 @@ def reduced_states(model: Model, runs: Sequence[tuple[Motion, FloatArray]]) -> D
             motion.q,
             motion.dq,
             motion.ddq,
-            reference=np.zeros(10 * model.robot.n),
+            reference=ReferenceParameters.nothing(model.robot),
             memory=np.zeros((len(motion.t), observation.n_memory)),
         )
         rows = [np.column_stack([entries[:, picked], tau[:, j]]) for j, (picked, _) in enumerate(layout)]
@@ -59,4 +60,4 @@ def reduced_states(model: Model, runs: Sequence[tuple[Motion, FloatArray]]) -> D
         accumulator.push(motion.t, rows)
         parts.append(accumulator.finish())
     whole = concatenate(parts)
-    return Data(whole, whole, (), Preprocessing(None, None), np.zeros(10 * model.robot.n))
+    return Data(whole, whole, (), Preprocessing(None, None), ReferenceParameters.nothing(model.robot))

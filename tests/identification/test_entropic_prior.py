@@ -11,7 +11,7 @@ import pytest
 from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, record
 from scipy.optimize import minimize
 
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import weighted, weighted_factor
 from dynident.identification import Identification, IdentificationChoices, identify
@@ -49,7 +49,7 @@ class TwoLinks:
         self.model = build_model(self.robot, LINKS)
         self.choices = replace(CHOICES, effects=LINKS)
         run = recorded(self.robot, self.truth, 0.3, noise, friction=False)
-        data = reduced(self.model, self.choices.rows_asked, [run], FILTERS, np.zeros(20))
+        data = reduced(self.model, self.choices.rows_asked, [run], FILTERS, ReferenceParameters.nothing(self.robot))
         known = prior_of(self.model, self.choices.trust)
         start = weighted(data.equations, known)
         believed = believed_of(self.model, self.choices.trust, start)

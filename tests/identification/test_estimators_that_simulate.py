@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import ordinary, statistics
 from dynident.identification import IdentificationChoices, identify, remove
@@ -127,7 +127,7 @@ def test_instrumental_variables_remove_the_bias_that_encoder_noise_leaves_in_lea
     noise = np.array([2.0, 2.0, 1.0, 0.5, 0.5, 0.5])
     least, least_deviations, found, deviations = [], [], [], []
     for seed in range(runs):
-        data = torque_of(big.model, [big.recorded(seed, 1e-4, noise)], WIDE, np.zeros(14 * big.robot.n))
+        data = torque_of(big.model, [big.recorded(seed, 1e-4, noise)], WIDE, ReferenceParameters.nothing(big.robot))
         plain = ordinary(data.equations)
         least.append(plain.values)
         least_deviations.append(statistics(data.equations, plain).standard_deviations)

@@ -10,7 +10,7 @@ import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 from scipy import signal
 
-from dynident.effects import EffectChoice, UnknownEffectError
+from dynident.effects import EffectChoice, ReferenceParameters, UnknownEffectError
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics
 from dynident.identification import IdentificationChoices, extend, identify, identify_model
@@ -133,19 +133,22 @@ def test_a_fit_that_leaves_much_unexplained_points_at_the_columns_and_the_descri
 
 def test_standard_inertia_gives_the_torque_of_the_base_parameters(identified):
     q, dq, ddq = (s[:50] for s in (OTHER_MOTION.q, OTHER_MOTION.dq, OTHER_MOTION.ddq))
-    links, drives = np.split(identified.estimate.next_reference(), [60])
-    np.testing.assert_array_equal(links, identified.estimate.standard_inertia())
-    robot = replace(ROBOT, inertias=links.reshape(-1, 10))
+    known = identified.estimate.next_reference()
+    np.testing.assert_array_equal(known.inertias.ravel(), identified.estimate.standard_inertia())
+    robot = replace(ROBOT, inertias=known.inertias)
     inertial = np.array([c.effect in ("rigid_body", "rotor_inertia") for c in identified.model.kept])
-    entries = identified.model.observation.evaluate(q, dq, ddq, reference=np.zeros(60), memory=np.zeros((50, 0)))
+    entries = identified.model.observation.evaluate(
+        q, dq, ddq, reference=ReferenceParameters.nothing(identified.model.robot), memory=np.zeros((50, 0))
+    )
     found = identified.model.observation.torque(entries, np.where(inertial, identified.values, 0.0))
     # Rotors that regroup into a link's inertia are told apart from it by how far a description is usually off.
-    expected = pinocchio_torque(robot, q, dq, ddq) + drives[:6] * ddq
+    expected = pinocchio_torque(robot, q, dq, ddq) + known.rotors * ddq
     np.testing.assert_allclose(expected, found, atol=2e-3 * np.abs(found).max())
 
 
 def test_motor_torque_is_predicted_with_the_friction_that_was_found(identified):
-    _, _, fc, fv, b = np.split(identified.estimate.next_reference(), [60, 66, 72, 78])[0:5]
+    known = identified.estimate.next_reference()
+    fc, fv, b = known.dry, known.damping, known.constant
     found = {parameter.name: parameter.value for parameter in identified.parameters}
     for j in range(6):
         assert fc[j] == found[f"Fc{j + 1}"]
@@ -217,7 +220,15 @@ def coverage(count: int) -> tuple[float, float]:
         white = rng.normal(size=(len(motion.t) + 30, 6))
         noise = 3.0 * NOISE * np.array([np.convolve(w, taps, mode="valid") for w in white.T]).T
         run = record(ROBOT, motion, clean + noise)
-        found = identify_model(model, [run], [], choices(), Preprocessing(None, 8.0, 3), np.zeros(60), lambda *_: None)
+        found = identify_model(
+            model,
+            [run],
+            [],
+            choices(),
+            Preprocessing(None, 8.0, 3),
+            ReferenceParameters.nothing(model.robot),
+            lambda *_: None,
+        )
         miss = np.abs(found.values - truth)
         within.append(miss <= 2 * found.statistics.standard_deviations)
         one_stretch = Reduction(

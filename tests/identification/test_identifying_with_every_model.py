@@ -9,7 +9,7 @@ import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.diagnosis import compare, diagnose
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify, identify_model
 from dynident.identification.equations.model_equations import with_constants
@@ -89,7 +89,7 @@ def test_95_per_cent_intervals_of_every_model_cover_the_truth_for_every_class_of
         recording = record(ROBOT, motion, clean + NOISE * drawn.normal(size=clean.shape))
         for which in MODELS:
             asked = choices(which, pole=50.0, interval=0.3)
-            one = identify_model(model, [recording], [], asked, BAND, np.zeros(10 * ROBOT.n), silent)
+            one = identify_model(model, [recording], [], asked, BAND, ReferenceParameters.nothing(ROBOT), silent)
             off[which].append((one.values - truth(one)) / one.statistics.standard_deviations)
     for which, found_off in off.items():
         inside = np.abs(np.array(found_off)) < 1.96

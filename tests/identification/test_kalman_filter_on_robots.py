@@ -7,7 +7,7 @@ import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 from scipy.signal import lfilter
 
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, known_values
 from dynident.identification import IdentificationChoices, identify
@@ -117,7 +117,7 @@ def test_two_recordings_are_one_after_another():
 def test_a_filter_that_begins_with_a_robot_that_cannot_be_and_is_sure_of_it_diverges_with_an_error():
     run = recorded(10.0)
     filters = choose_preprocessing([run])
-    data = reduced(MODEL, choices("ekf").rows_asked, [run], filters, np.zeros(14 * ROBOT.n))
+    data = reduced(MODEL, choices("ekf").rows_asked, [run], filters, ReferenceParameters.nothing(ROBOT))
     values = TRUTH.copy()
     values[:4] *= -10.0
     start = known_values(values, np.diag((1e-6 * np.abs(TRUTH) + 1e-9) ** 2), np.arange(len(TRUTH)), len(TRUTH))

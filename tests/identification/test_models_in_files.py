@@ -48,7 +48,7 @@ def assert_same(one, other) -> None:
     assert one.inertia_matrix_positive_definite == other.inertia_matrix_positive_definite
     for left, right in (
         (one.values, other.values),
-        (one.estimate.reference, other.estimate.reference),
+        (one.estimate.reference.vector, other.estimate.reference.vector),
         (one.statistics.covariance, other.statistics.covariance),
         (one.statistics.effective_rows, other.statistics.effective_rows),
         (one.estimate.solution.factor, other.estimate.solution.factor),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.effects import STOP, EffectChoice, MemorySignal
+from dynident.effects import STOP, EffectChoice, MemorySignal, ReferenceParameters
 from dynident.effects.memory import step
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
@@ -61,7 +61,8 @@ PLAIN_STRIBECK, RUN_STRIBECK = plain(STRIBECK)
 
 
 def arguments(identification, run):
-    return [run], BAND, identification.estimate.standard_inertia()
+    links = identification.estimate.standard_inertia().reshape(-1, 10)
+    return [run], BAND, ReferenceParameters.of_links(links, identification.model.robot.n)
 
 
 def test_a_stribeck_velocity_is_found_on_the_grid_and_then_between_its_points():
@@ -195,9 +196,9 @@ def test_an_effect_that_needs_the_load_is_predicted_with_the_first_fit():
     found = identify(ROBOT, [run], [], choices)
     parameter = next(p for p in found.parameters if p.name == "cl2")
     assert parameter.value == pytest.approx(0.1, abs=max(0.015, 3 * parameter.standard_deviation))
-    assert found.estimate.reference.any()
+    assert found.estimate.reference.inertias.any()
     plain_model, _ = plain(tau)
-    assert not plain_model.estimate.reference.any()
+    assert not plain_model.estimate.reference.inertias.any()
     grown = extend(plain_model, [EffectChoice("load_dependent_friction", (NAMES[1],))], [run])
     np.testing.assert_allclose(grown.values, found.values, rtol=1e-3, atol=1e-3)
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles import ARMS, arm, crooked_urdf, pinocchio_rows, random_states
 
-from dynident.effects import EffectChoice, Signals, columns_of
+from dynident.effects import EffectChoice, ReferenceParameters, Signals, columns_of
 from dynident.regressors.base_parameters import base_parameters, select_base
 from dynident.regressors.model import build_model, inertial_base_parameters
 from dynident.robot import robot_from_urdf
@@ -38,7 +38,9 @@ def test_base_parameters_of_any_standard_parameters_give_the_same_torque(name, e
     model = build_model(robot, [EffectChoice(effect) for effect in effects])
     states = random_states(robot, 50, 99)
     standard = np.random.default_rng(1).normal(size=len(model.columns))
-    entries = model.observation.evaluate(*states, reference=np.zeros(10 * robot.n), memory=np.zeros((50, 0)))
+    entries = model.observation.evaluate(
+        *states, reference=ReferenceParameters.nothing(robot), memory=np.zeros((50, 0))
+    )
     found = model.observation.torque(entries, model.base.grouping @ standard)
     expected = pinocchio_rows(robot, *states) @ standard[: 10 * robot.n]
     _, dq, ddq = states

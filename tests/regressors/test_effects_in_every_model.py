@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from oracles import arm, fourier_motion
 
-from dynident.effects import CATALOGUE, EffectChoice
+from dynident.effects import CATALOGUE, EffectChoice, ReferenceParameters
 from dynident.estimation import errors
 from dynident.recordings import FurtherColumns, Preprocessing, Recording, filtered_blocks, recording_from_arrays
 from dynident.regressors.equations import filtered, over_intervals, plain, reduce_form
@@ -19,7 +19,7 @@ RATE = 500.0
 PREPROCESSING = Preprocessing(None, 5.0, 20)
 MOTION = fourier_motion(ROBOT, 20.0, RATE, 2, base_frequency=0.1, amplitude=2.0)
 HEAT = 25.0 + np.cumsum(np.abs(MOTION.dq), axis=0) / RATE
-REFERENCE = np.concatenate([ROBOT.inertias.ravel(), np.ones(24)])
+REFERENCE = ReferenceParameters(ROBOT.inertias, *np.ones((4, 6)))
 EFFECTS = [name for name in sorted(CATALOGUE) if CATALOGUE[name].applicable(ROBOT)]
 
 

@@ -14,7 +14,7 @@ from scipy import signal
 
 import dynident.regressors.stream as stream
 from dynident import side_by_side
-from dynident.effects import STOP, EffectChoice
+from dynident.effects import STOP, EffectChoice, ReferenceParameters
 from dynident.effects.memory import step
 from dynident.effects.signals import MemorySignal
 from dynident.estimation import errors, ordinary, weighted
@@ -44,7 +44,7 @@ EFFECTS = (
     EffectChoice("presliding", (ROBOT.joint_names[0],), (("d0", SLIP),)),
 )
 MODEL = build_model(ROBOT, EFFECTS)
-REFERENCE = ROBOT.inertias.reshape(-1)
+REFERENCE = ReferenceParameters.of_links(ROBOT.inertias, ROBOT.n)
 
 
 def recording(seconds: float, seed: int, parts: int = 1, windows=(), gap: float = 3.0) -> Recording:
@@ -118,7 +118,7 @@ def dense_segment(recording: Recording, number: int, preprocessing: Preprocessin
 
 def all_columns(q, dq, ddq) -> np.ndarray:
     rigid = pinocchio_rows(ROBOT, q, dq, ddq)
-    load = rigid @ REFERENCE
+    load = rigid @ REFERENCE.inertias.ravel()
     ones = np.ones_like(q)
     per_joint = [np.eye(N) * values[:, :, None] for values in (ddq, np.sign(dq), dq, ones)]
     friction = np.zeros((len(q), N, 1))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from oracles import arm, pinocchio_torque
 
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.estimation import Errors, errors, moving_errors, weighted
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.study.storage import from_bytes, to_bytes
@@ -58,7 +58,7 @@ def told(rows: Errors) -> float:
 def test_rows_beside_halts_are_exact_whatever_the_joint_is_held_by_at_rest():
     run = resting(40.0, 1)
     model = build_model(ROBOT, (*PLAIN, PEAK))
-    reduction, _ = reduce_and_keep(model, [run], EXACT, np.zeros(14 * ROBOT.n))
+    reduction, _ = reduce_and_keep(model, [run], EXACT, ReferenceParameters.nothing(ROBOT))
     (beside,) = (e.beside for e in reduction.equations[:1])
     assert beside is not None
     assert beside.partial.count > 100
@@ -73,7 +73,7 @@ def test_rows_beside_halts_are_exact_whatever_the_joint_is_held_by_at_rest():
 def test_only_joints_whose_friction_shows_there_use_them_and_every_row_is_counted_once():
     run = resting(20.0, 2)
     with_peak, without = (
-        reduce_and_keep(build_model(ROBOT, effects), [run], EXACT, np.zeros(14 * ROBOT.n))[0]
+        reduce_and_keep(build_model(ROBOT, effects), [run], EXACT, ReferenceParameters.nothing(ROBOT))[0]
         for effects in ((*PLAIN, PEAK), PLAIN)
     )
     counts = [[e.beside.partial.count for e in one.equations if e.beside is not None] for one in (with_peak, without)]

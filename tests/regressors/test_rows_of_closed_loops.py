@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from machines import MACHINES, accelerations_of_pinocchio, machine, states, torque_of_mujoco
 
-from dynident.effects import EffectChoice, Signals, columns_of
+from dynident.effects import EffectChoice, ReferenceParameters, Signals, columns_of
 from dynident.recordings import Preprocessing, recording_from_arrays
 from dynident.recordings.phases import Phase
 from dynident.regressors.base_parameters import base_parameters
@@ -23,7 +23,9 @@ LINKS = [EffectChoice("rigid_body")]
 def torque(robot: Robot, q, dq, ddq) -> np.ndarray:
     signals = Signals(robot)
     observation = Observation.of(robot, columns_of(LINKS, signals), signals)
-    entries = observation.evaluate(q, dq, ddq, reference=np.zeros(10 * robot.tree.n), memory=np.zeros((len(q), 0)))
+    entries = observation.evaluate(
+        q, dq, ddq, reference=ReferenceParameters.nothing(robot), memory=np.zeros((len(q), 0))
+    )
     return observation.torque(entries, robot.inertias.reshape(-1))
 
 
@@ -73,7 +75,9 @@ def test_energy_and_power_models_are_those_of_the_torque(name: str) -> None:
         (power_form(robot, columns, signals), np.array([expected @ v[0]])),
     ):
         one, n = form.observation, form.n_equations
-        entries = one.evaluate(q, dq, np.zeros_like(q), reference=np.zeros(10 * robot.tree.n), memory=np.zeros((5, 0)))
+        entries = one.evaluate(
+            q, dq, np.zeros_like(q), reference=ReferenceParameters.nothing(robot), memory=np.zeros((5, 0))
+        )
         both = one.torque(entries, k)
         stored, direct = both[:, :n], both[2, n:]
         rate = (8 * (stored[3] - stored[1]) - stored[4] + stored[0]) / (12 * h)
@@ -196,7 +200,7 @@ def test_nothing_is_felt_of_what_happens_where_the_sign_of_a_passive_joints_fric
     uncertain = ~phases.certain(0, t)
     assert uncertain[:, 0].any()
     shaken = recording_from_arrays(t, q, 100.0 * uncertain, joint_names=robot.joint_names, name="shaken")
-    reference = np.zeros(10 * robot.tree.n)
+    reference = ReferenceParameters.nothing(robot)
     of_still, of_shaken = (reduce_recordings(model.observation, [r], filters, reference) for r in (still, shaken))
     for one, other in zip(of_still.equations, of_shaken.equations, strict=True):
         np.testing.assert_array_equal(one.joined, other.joined)

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_states
 
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction, errors, ordinary, solve, statistics, weighted
 from dynident.estimation.nuisance import without_nuisance
@@ -67,7 +67,9 @@ def test_rows_of_the_wrench_are_pinocchios(name):
     model = build_model(robot, LINKS)
     form = wrench_form(robot, model.columns, model.signals)
     q, dq, ddq = random_states(robot, 20, 1)
-    entries = form.observation.evaluate(q, dq, ddq, reference=np.zeros(10 * robot.n), memory=np.zeros((20, 0)))
+    entries = form.observation.evaluate(
+        q, dq, ddq, reference=ReferenceParameters.nothing(robot), memory=np.zeros((20, 0))
+    )
     dense = np.zeros((20, 12, len(model.columns)))
     dense[:, form.observation.entry_rows, form.observation.entry_columns] = entries
     np.testing.assert_allclose(dense[:, 6:] @ robot.inertias.ravel(), wrenches(robot, q, dq, ddq), atol=1e-9)
@@ -78,7 +80,9 @@ def test_an_arm_at_rest_is_held_up_by_its_weight():
     model = build_model(robot, LINKS)
     form = wrench_form(robot, model.columns, model.signals)
     zero = np.zeros((1, robot.n))
-    entries = form.observation.evaluate(zero, zero, zero, reference=np.zeros(60), memory=np.zeros((1, 0)))
+    entries = form.observation.evaluate(
+        zero, zero, zero, reference=ReferenceParameters.nothing(form.observation.robot), memory=np.zeros((1, 0))
+    )
     dense = np.zeros((12, len(model.columns)))
     dense[form.observation.entry_rows, form.observation.entry_columns] = entries[0]
     force = dense[6:9] @ robot.inertias.ravel()

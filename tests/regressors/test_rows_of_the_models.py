@@ -13,7 +13,7 @@ from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_
 from scipy import integrate, signal
 
 from dynident import side_by_side
-from dynident.effects import CATALOGUE, EffectChoice, Signals, columns_of, reference_size
+from dynident.effects import CATALOGUE, EffectChoice, ReferenceParameters, Signals, columns_of, reference_size
 from dynident.estimation import Reduction, ordinary
 from dynident.recordings import Preprocessing, Recording, Segment, filtered_blocks, low_pass, recording_from_arrays
 from dynident.recordings.types import StoredRows
@@ -46,7 +46,7 @@ def noise_free(robot, seconds=60.0, rate=1000.0, seed=3, frequency=0.05, offset=
 
 def reductions(model: Model, *runs: Recording, preprocessing=SLOW) -> dict[str, Reduction]:
     """The equations of every model on recordings."""
-    known, reference = (model.robot, model.kept, model.signals), np.zeros(10 * model.robot.n)
+    known, reference = (model.robot, model.kept, model.signals), ReferenceParameters.nothing(model.robot)
     power = power_form(*known)
     rest = (runs, preprocessing, reference)
     return {
@@ -114,11 +114,17 @@ def test_filtered_rows_are_those_of_a_dense_computation():
     run = noise_free(robot, seconds=12.0, rate=200.0, frequency=0.3)
     preprocessing = Preprocessing(10.0, 8.0, 4)
     form = filtered_form(robot, model.kept, model.signals)
-    found = reduce_form(form, filtered(30.0), [run], preprocessing, np.zeros(40))
+    found = reduce_form(form, filtered(30.0), [run], preprocessing, ReferenceParameters.nothing(robot))
 
     blocks = list(filtered_blocks(run, preprocessing))
     q, dq, tau, used = (np.concatenate([getattr(b, what) for b in blocks]) for what in ("q", "dq", "tau", "used"))
-    evaluated = form.observation.evaluate(q, dq, np.zeros_like(q), reference=np.zeros(40), memory=np.zeros((len(q), 0)))
+    evaluated = form.observation.evaluate(
+        q,
+        dq,
+        np.zeros_like(q),
+        reference=ReferenceParameters.nothing(robot),
+        memory=np.zeros((len(q), 0)),
+    )
     dense = np.zeros((len(q), 2 * robot.n, model.n_parameters))
     dense[:, form.observation.entry_rows, form.observation.entry_columns] = evaluated
     momentum, force = dense[:, : robot.n], dense[:, robot.n :]
@@ -153,7 +159,7 @@ def test_the_energy_of_an_interval_is_the_work_done_in_it():
     run = noise_free(robot, seconds=10.0, rate=500.0, frequency=0.2)
     preprocessing = Preprocessing(None, None, 10)
     form = power_form(robot, model.kept, model.signals)
-    found = reduce_form(form, over_intervals(1.0), [run], preprocessing, np.zeros(40))
+    found = reduce_form(form, over_intervals(1.0), [run], preprocessing, ReferenceParameters.nothing(robot))
     blocks = list(filtered_blocks(run, preprocessing))
     dq, tau = (np.concatenate([getattr(b, what) for b in blocks]) for what in ("dq", "tau"))
     work = integrate.cumulative_simpson((tau * dq).sum(axis=1), dx=1 / 500.0, initial=0.0)
@@ -241,7 +247,7 @@ def test_ten_times_the_data_takes_no_more_memory_in_any_model(monkeypatch: pytes
         for length in (40_000, 400_000):
             run = Recording("long", robot.joint_names, 100.0, (Segment(0, length, 0.0),), source)
             tracemalloc.start()
-            reduce_form(form, treatment, [run], Preprocessing(8.0, 6.0, 4), np.zeros(40))
+            reduce_form(form, treatment, [run], Preprocessing(8.0, 6.0, 4), ReferenceParameters.nothing(robot))
             peaks.append(tracemalloc.get_traced_memory()[1])
             tracemalloc.stop()
         assert peaks[1] < 1.15 * peaks[0]
@@ -276,7 +282,10 @@ def test_offsets_that_no_parameter_stands_for_spoil_energy_more_than_power(seed)
     model = build_model(robot, EFFECTS[:-1])
     values = truth_of(build_model(robot, EFFECTS))[: model.n_parameters]
     run = noise_free(robot, seconds=120.0, rate=250.0, seed=seed, frequency=0.1)
-    form, rest = power_form(robot, model.kept, model.signals), ([run], Preprocessing(None, 5.0, 10), np.zeros(40))
+    form, rest = (
+        power_form(robot, model.kept, model.signals),
+        ([run], Preprocessing(None, 5.0, 10), ReferenceParameters.nothing(robot)),
+    )
     power = error(reduce_form(form, plain, *rest), values)
     short, long = (error(reduce_form(form, over_intervals(length), *rest), values) for length in (0.3, 4.0))
     assert short > 1.1 * power

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from machines import MACHINES, machine, mjcf, states, torque_of_mujoco
 
-from dynident.effects import EffectChoice, Signals, columns_of
+from dynident.effects import EffectChoice, ReferenceParameters, Signals, columns_of
 from dynident.errors import DynidentError
 from dynident.regressors.observation import Observation
 from dynident.robot import Robot, robot_from_mjcf
@@ -55,7 +55,9 @@ ARM = """<?xml version="1.0"?>
 def torque(robot: Robot, q, dq, ddq) -> np.ndarray:
     signals = Signals(robot)
     observation = Observation.of(robot, columns_of([EffectChoice("rigid_body")], signals), signals)
-    entries = observation.evaluate(q, dq, ddq, reference=np.zeros(10 * robot.tree.n), memory=np.zeros((len(q), 0)))
+    entries = observation.evaluate(
+        q, dq, ddq, reference=ReferenceParameters.nothing(robot), memory=np.zeros((len(q), 0))
+    )
     return observation.torque(entries, robot.inertias.reshape(-1))
 
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from virtual_arms import effort, fourier, plain_friction
 
-from dynident.effects import CATALOGUE, EffectChoice, Signals, columns_of
+from dynident.effects import CATALOGUE, EffectChoice, ReferenceParameters, Signals, columns_of
 from dynident.effects.memory import MemoryStates
 from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation
@@ -51,7 +51,7 @@ def _inverse(robot: Robot, effects: tuple[TrueEffect, ...], measured: Measuremen
     signals, truth = Signals(robot), measured.truth
     columns = columns_of([EffectChoice("rigid_body"), *(effect.choice for effect in effects)], signals)
     observation = Observation.of(robot, columns, signals)
-    reference = robot.inertias.reshape(-1)
+    reference = ReferenceParameters.of_links(robot.inertias, robot.n)
     entries = observation.evaluate(
         truth.q,
         truth.dq,
@@ -62,7 +62,7 @@ def _inverse(robot: Robot, effects: tuple[TrueEffect, ...], measured: Measuremen
     )
     dense = np.zeros((len(truth.q), robot.n, len(columns)))
     dense[:, observation.entry_rows, observation.entry_columns] = entries
-    values = list(reference)
+    values = list(robot.inertias.ravel())
     for effect in effects:
         named = dict(effect.values)
         values += [named.get(spec.name, 0.0) for spec in CATALOGUE[effect.effect].parameters]

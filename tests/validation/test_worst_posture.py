@@ -8,7 +8,7 @@ import pytest
 from measured_arm import BAND, IA, ROBOT, with_values
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.parameters.inertia import joint_range, random_postures, smallest_inertia_eigenvalue
 from dynident.robot import to_pinocchio
@@ -73,7 +73,11 @@ def _at(identified, parameters: np.ndarray, posture: np.ndarray) -> float:
     ddq = np.vstack([np.zeros(n), np.eye(n)])
     q = np.tile(posture, (n + 1, 1))
     entries = observation.evaluate(
-        q, np.zeros_like(q), ddq, reference=np.zeros(10 * n), memory=np.zeros((n + 1, observation.n_memory))
+        q,
+        np.zeros_like(q),
+        ddq,
+        reference=ReferenceParameters.nothing(model.robot),
+        memory=np.zeros((n + 1, observation.n_memory)),
     )
     torque = observation.torque(entries, parameters)
     a = torque[1:] - torque[0]

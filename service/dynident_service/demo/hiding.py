@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.effects import Signals, columns_of, effect_by_id
+from dynident.effects import ReferenceParameters, Signals, columns_of, effect_by_id
 from dynident.effects.sizes import largest_torque, velocity_scale
 from dynident.errors import DynidentError
 from dynident.regressors.further_signals import FurtherSignals
@@ -63,7 +63,7 @@ def strength(robot: Robot, effect: TrueEffect) -> float:
         q,
         dq,
         2.0 * dq,
-        reference=robot.inertias.reshape(-1),
+        reference=ReferenceParameters.of_links(robot.inertias, robot.n),
         memory=rng.choice([-1.0, 1.0], (_STATES, observation.n_memory)),
         further=FurtherSignals(
             dddq=4.0 * dq,

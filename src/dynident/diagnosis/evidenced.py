@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.diagnosis.result import RankedEffect
-from dynident.effects import Column, EffectChoice, columns_of, role_of
+from dynident.effects import Column, EffectChoice, ReferenceParameters, columns_of, role_of
 from dynident.effects.catalogue import joints_of
 from dynident.estimation import Reduction, weighted_factor
 from dynident.identification import Identification
@@ -243,7 +243,7 @@ class _Samples:
         observation: Observation,
         recordings: Sequence[Recording],
         identification: Identification,
-        reference: FloatArray,
+        reference: ReferenceParameters,
     ) -> None:
         self._made = (observation, identification.preprocessing, reference)
         rows = sum(recording.n_samples for recording in recordings) / identification.preprocessing.decimation

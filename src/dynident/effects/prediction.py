@@ -81,6 +81,26 @@ class ReferenceParameters:
         drives = (self.rotors, self.dry, self.damping, self.constant)
         return np.concatenate([self.inertias.reshape(-1), *drives])
 
+    def vector_of(self, robot: Robot) -> FloatArray:
+        """(10 N + 4 n,), of a robot with as many links and driven joints.
+
+        Raises
+        ------
+        DynidentError
+            If the robot has more or fewer of them.
+        """
+        if self.inertias.shape != (robot.tree.n, 10) or self.rotors.shape != (robot.n,):
+            raise DynidentError(
+                f"Reference parameters of {len(self.inertias)} links and {len(self.rotors)} driven joints; "
+                f"{robot.name} has {robot.tree.n} and {robot.n}",
+                title="Unusable reference parameters",
+            )
+        return self.vector
+
+    def is_like(self, other: ReferenceParameters) -> bool:
+        """Whether all values are the same."""
+        return np.array_equal(self.vector, other.vector)
+
 
 @dataclass(frozen=True, eq=False)
 class Prediction:

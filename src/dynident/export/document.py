@@ -37,7 +37,7 @@ class PredictingModel:
 
     model: Model
     values: FloatArray
-    reference: FloatArray
+    reference: ReferenceParameters
 
     @property
     def robot(self) -> Robot:
@@ -120,7 +120,7 @@ def model_document(identification: Identification) -> ModelDocument:
         ],
         "without_effect": list(base.without_effect),
         "rank": base.rank,
-        "reference": [float(value) for value in identification.estimate.reference],
+        "reference": identification.estimate.reference.vector.tolist(),
         "standard_parameters": _standard(identification),
     }
 
@@ -185,7 +185,7 @@ def _model(document: Mapping[str, Any]) -> PredictingModel:
     if not len(values):
         raise ValueError("no base parameters")
     reference = ReferenceParameters.of_vector(np.array(document["reference"], dtype=float), robot)
-    return PredictingModel(model, values, reference.vector)
+    return PredictingModel(model, values, reference)
 
 
 def _standard(identification: Identification) -> dict[str, dict[str, float]] | None:

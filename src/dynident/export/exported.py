@@ -79,7 +79,7 @@ class Links:
         q, dq, ddq = (rng.uniform(-size, size, (_STATES, robot.n)) for size in (1.0, 1.0, 3.0))
         if robot.linkage is not None and robot.linkage.closure is not None:
             q = robot.linkage.closure.postures(rng, _STATES)
-        nothing = ReferenceParameters.nothing(robot).vector
+        nothing = ReferenceParameters.nothing(robot)
         memory = np.zeros((_STATES, observation.n_memory))
         entries = observation.evaluate(q, dq, ddq, reference=nothing, memory=memory)
         inertial = np.array([effect_by_id(column.effect).is_inertia for column in observation.columns])

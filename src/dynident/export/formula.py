@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from dynident.effects import MemorySignal, ReferenceParameters, RunSignal, Signals
+from dynident.effects import MemorySignal, RunSignal, Signals
 from dynident.effects.linked import all_positions
 from dynident.effects.memory import step_expression
 from dynident.identification import Estimate
@@ -61,7 +61,7 @@ def torque_formula(estimate: Estimate) -> TorqueFormula:
     torque = ca.SX(model.robot.n, 1)
     for column, value in zip(observation.columns, estimate.values, strict=True):
         torque += column.torque * float(value)
-    reference = ReferenceParameters.of_vector(estimate.reference, model.robot).vector
+    reference = estimate.reference.vector
     torque = ca.substitute(ca.densify(torque), signals.reference, ca.SX(ca.DM(reference)))
     states = [signals.memory(item) for item in observation.memory]
     arguments = _motion(signals, torque)

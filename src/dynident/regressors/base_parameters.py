@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.effects import Column, Signals, reference_size
+from dynident.effects import Column, ReferenceParameters, Signals, reference_size
 from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
@@ -171,7 +171,7 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0) -
         dq,
         ddq,
         memory=rng.uniform(-1, 1, (n_states, observation.n_memory)),
-        reference=rng.uniform(0.5, 1.5, reference_size(robot)),
+        reference=ReferenceParameters.of_vector(rng.uniform(0.5, 1.5, reference_size(robot)), robot),
         further=FurtherSignals(
             dddq=dddq,
             ddddq=ddddq,

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 import numpy as np
 
 from dynident.arrays import FloatArray
+from dynident.effects import ReferenceParameters
 from dynident.estimation import Reduction
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording, SampleBlock
@@ -66,7 +67,7 @@ def reduce_form(
     treatment: Treatment,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     progress: Progress = silent,
     memory: float = 0.0,
 ) -> Reduction:
@@ -80,8 +81,8 @@ def reduce_form(
         Its columns become the reduction's.
     treatment : Treatment
         What the model does with them.
-    reference : (10 n,) or (14 n,)
-        Standard inertial parameters of the load prediction.
+    reference : ReferenceParameters
+        What torque is predicted with.
     memory : float
         Seconds that the treatment remembers.
     """
@@ -102,7 +103,9 @@ def reduce_form(
     return folded(rows_of, [columns for _, columns in layout], form.observation.n_columns, recordings, progress)
 
 
-def _evaluations(form: Form, reference: FloatArray, recording: Recording) -> Callable[[SampleBlock], FloatArray]:
+def _evaluations(
+    form: Form, reference: ReferenceParameters, recording: Recording
+) -> Callable[[SampleBlock], FloatArray]:
     """The entries of S and D, and y behind them."""
     entries = SampleFunction(form.observation, reference, recording)
     n_entries = len(form.observation.entry_rows)

@@ -28,7 +28,7 @@ from dynident.regressors.row_phases import observation_at_rest
 from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
 
-# Where parameters of the motors' torque stand in `Model.reference`; the rotors' are found with the links'.
+# Where parameters of the motors' torque stand in `ReferenceParameters`; the rotors' are found with the links'.
 _DRIVE_ROWS: dict[Role | None, int] = {role: row for row, role in enumerate(DRIVE_ROLES) if role != "rotor"}
 
 
@@ -113,8 +113,8 @@ class Model:
         found = nominal + scale * (np.linalg.pinv(grouping[seen] * scale, rcond=1e-9) @ gap)
         return found[: len(links)], found[len(links) :]
 
-    def reference(self, values: FloatArray) -> FloatArray:
-        """What predicts torque (10 N + 4 n,): standard inertial parameters, then Ia, Fc, Fv and b of driven joints."""
+    def reference(self, values: FloatArray) -> ReferenceParameters:
+        """What predicts torque: standard inertial parameters of links, Ia, Fc, Fv and b of driven joints."""
         names = self.robot.joint_names
         links, inertias_of_rotors = self._inertial_solution(values)
         drives = np.zeros((len(DRIVE_ROLES), self.robot.n))
@@ -126,7 +126,7 @@ class Model:
             row = _DRIVE_ROWS.get(role_of(column))
             if row is not None and column.link in names:
                 drives[row, names.index(column.link)] += value
-        return ReferenceParameters(links.reshape(-1, 10), *drives).vector
+        return ReferenceParameters(links.reshape(-1, 10), *drives)
 
     def _joint(self, column: int) -> int:
         return self.robot.tree.joint_names.index(self.columns[column].link)

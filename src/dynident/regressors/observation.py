@@ -98,7 +98,7 @@ class Observation:
         dq: FloatArray,
         ddq: FloatArray,
         *,
-        reference: FloatArray,
+        reference: ReferenceParameters,
         memory: FloatArray,
         further: FurtherSignals = NOTHING_FURTHER,
         out: FloatArray | None = None,
@@ -108,9 +108,8 @@ class Observation:
         Parameters
         ----------
         q, dq, ddq : (m, n)
-        reference : (10 n,) or (14 n,)
-            Standard inertial parameters that the predicted load torque is computed with, and behind them Ia, Fc, Fv
-            and b of all joints for the torque of the motors; without these the links are alone (`ReferenceParameters`).
+        reference : ReferenceParameters
+            What the torque of the load and of the motors is predicted with.
         memory : (m, number of memory signals)
         further : FurtherSignals, optional
             What the columns depend on beside q, dq and ddq.
@@ -130,7 +129,7 @@ class Observation:
             nothing if further.temperature is None else further.temperature,
             memory,
             np.zeros(len(self.runs)) if further.runs is None else further.runs,
-            ReferenceParameters.of_vector(reference, self.robot).vector,
+            reference.vector_of(self.robot),
             out=out,
         )
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.arrays import FloatArray
-from dynident.effects import Column
+from dynident.effects import Column, ReferenceParameters
 from dynident.estimation import Reduction
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
@@ -30,7 +29,7 @@ class KeptRows:
     """
 
     observation: Observation
-    reference: FloatArray | None
+    reference: ReferenceParameters | None
     preprocessing: Preprocessing
     recordings: tuple[Recording, ...]
     samples: tuple[tuple[FilteredSamples, ...], ...]
@@ -52,7 +51,7 @@ def reduce_and_keep(
     model: Model,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> tuple[Reduction, KeptRows | None]:
@@ -92,7 +91,7 @@ def reduce_with_more(
     more: Sequence[Column],
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> Reduction:
@@ -123,7 +122,7 @@ def _beside(
     observation: Observation,
     at_rest: Observation | None,
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
 ) -> Callable[[Recording], Iterator[FilteredSamples]] | None:
     """What gives the samples of recordings beside those that are known; None where none are."""
     if known is None:
@@ -136,7 +135,7 @@ def _samples(
     at_rest: Observation | None,
     recording: Recording,
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     known: KeptRows | None,
 ) -> Iterator[FilteredSamples]:
     head = None if known is None else known.of(recording, preprocessing)
@@ -154,12 +153,12 @@ def _samples(
         yield replace(behind, values=np.hstack([before.values, behind.values]), whole=whole)
 
 
-def _extends(observation: Observation, reference: FloatArray, known: KeptRows) -> bool:
+def _extends(observation: Observation, reference: ReferenceParameters, known: KeptRows) -> bool:
     if observation.parts is None or observation.parts[0] is not known.observation:
         return False
     if not same_instants(observation, known.observation):
         return False
-    return known.reference is None or np.array_equal(reference, known.reference)
+    return known.reference is None or reference.is_like(known.reference)
 
 
 def _same(one: Recording, other: Recording) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
-from dynident.effects import RunSignal
+from dynident.effects import ReferenceParameters, RunSignal
 from dynident.effects.memory import MemoryStates
 from dynident.estimation import Reduction, told_apart
 from dynident.progress import Progress, silent
@@ -54,7 +54,7 @@ _BlockFunction = Callable[[SampleBlock], FloatArray]
 class SampleFunction:
     """Values of an observation matrix along a recording, with the hysteresis states carried from block to block."""
 
-    def __init__(self, observation: Observation, reference: FloatArray, recording: Recording) -> None:
+    def __init__(self, observation: Observation, reference: ReferenceParameters, recording: Recording) -> None:
         self._observation = observation
         self._reference = reference
         self._recording = recording
@@ -108,7 +108,7 @@ def filtered_samples(
     observation: Observation,
     recording: Recording,
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     at_rest: Observation | None = None,
     phases: RowPhases | None = None,
 ) -> Iterator[FilteredSamples]:
@@ -256,7 +256,7 @@ def reduce_recordings(
     observation: Observation,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     progress: Progress = silent,
     samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None,
     at_rest: Observation | None = None,
@@ -271,8 +271,8 @@ def reduce_recordings(
     ----------
     observation : Observation
         W, whose columns become the reduction's.
-    reference : (10 n,)
-        Standard inertial parameters of the load prediction.
+    reference : ReferenceParameters
+        What torque is predicted with.
     samples_of : function, optional
         Gives a recording's filtered samples, where they are at hand.
     at_rest : Observation, optional
@@ -297,7 +297,7 @@ class ObservationRows:
 
     observation: Observation
     preprocessing: Preprocessing
-    reference: FloatArray
+    reference: ReferenceParameters
     samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None
     at_rest: Observation | None = None
     by_phase: bool = False

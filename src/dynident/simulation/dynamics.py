@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from dynident.arrays import FloatArray
-from dynident.effects import RunSignal
+from dynident.effects import ReferenceParameters, RunSignal
 from dynident.expressions import Program
 from dynident.robot.model import Robot
 from dynident.simulation.signals import SimulatedSignals, Sliding
@@ -132,7 +132,7 @@ def rest_inputs(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> list[ca
 
 
 def _expressions(
-    signals: SimulatedSignals, truth: TrueColumns, inertias: FloatArray, reference: FloatArray
+    signals: SimulatedSignals, truth: TrueColumns, inertias: FloatArray, reference: ReferenceParameters
 ) -> tuple[Expressions, tuple[Sliding, ...]]:
     """Sort the torque into what the mass matrix, the position, and the velocity or memory determine."""
     n = signals.robot.n
@@ -143,7 +143,7 @@ def _expressions(
     for column, value in zip(truth.columns, truth.parameters, strict=True):
         if not signals.moves(column.torque):
             continue
-        torque = ca.substitute(column.torque, signals.reference, ca.SX(ca.DM(reference))) * float(value)
+        torque = ca.substitute(column.torque, signals.reference, ca.SX(ca.DM(reference.vector))) * float(value)
         if {symbol.name() for symbol in ca.symvar(torque)} <= {symbol.name() for symbol in ca.symvar(signals.q)}:
             position_torque += torque
         else:

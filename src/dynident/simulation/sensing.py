@@ -14,7 +14,7 @@ import numpy as np
 from scipy import signal
 
 from dynident.arrays import FloatArray
-from dynident.effects import effect_by_id
+from dynident.effects import ReferenceParameters, effect_by_id
 from dynident.effects.memory import MemoryStates
 from dynident.expressions import Program
 from dynident.robot.model import Robot
@@ -85,7 +85,7 @@ def _delays(one: TrueEffect) -> list[str]:
     return [spec.name for spec in effect_by_id(one.effect).parameters if spec.role == "delay"]
 
 
-def _added(signals: SensorSignals, effects: Sequence[TrueEffect], reference: FloatArray) -> Program:
+def _added(signals: SensorSignals, effects: Sequence[TrueEffect], reference: ReferenceParameters) -> Program:
     """(q, dq, ddq, dddq, ddddq, t, T, temperature, z, motor torque, presence of each effect) -> torque."""
     n, motor = signals.robot.n, signals.predicted.motor
     present = ca.SX.sym("present", len(effects))
@@ -100,7 +100,7 @@ def _added(signals: SensorSignals, effects: Sequence[TrueEffect], reference: Flo
                 of_motion += torque
     # Motors give the torque that the motion takes, and the gains belong to all of it.
     of_torque = ca.substitute(of_torque, motor, motor + of_motion)
-    total = ca.substitute(of_motion + of_torque, signals.reference, ca.SX(ca.DM(reference)))
+    total = ca.substitute(of_motion + of_torque, signals.reference, ca.SX(ca.DM(reference.vector)))
     inputs = [
         signals.q,
         signals.dq,

@@ -106,8 +106,8 @@ def true_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
     return chosen
 
 
-def true_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray) -> FloatArray:
-    """What motors' torque is predicted with (10 N + 4 n,): inertial parameters, then Ia, Fc, Fv and b of all joints."""
+def true_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray) -> ReferenceParameters:
+    """What torque is predicted with: inertial parameters of links, Ia, Fc, Fv and b of all joints."""
     drives = np.zeros((len(DRIVE_ROLES), robot.n))
     for effect in effects:
         roles = {spec.name: spec.role for spec in effect_by_id(effect.effect).parameters}
@@ -117,7 +117,7 @@ def true_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
             row = _DRIVE_ROWS.get("dry" if role == "dry_once_sliding" else role)
             if row is not None and effect.joint in robot.joint_names:
                 drives[row, robot.joint_names.index(effect.joint)] += value
-    return ReferenceParameters(inertias.reshape(-1, 10), *drives).vector
+    return ReferenceParameters(inertias.reshape(-1, 10), *drives)
 
 
 def true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns:

@@ -16,7 +16,7 @@ from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.collecting import MANY, Collected, Stretches
 from dynident.diagnosis.candidates.products import Products, Stack
 from dynident.diagnosis.comparing.repetition import periods_of
-from dynident.effects import Signals
+from dynident.effects import ReferenceParameters, Signals
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.phases import Phase, width_of
@@ -115,7 +115,7 @@ def gather(
     signals: Signals,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     n_base: int,
     progress: Progress = silent,
     samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None,
@@ -124,7 +124,7 @@ def gather(
 
     Parameters
     ----------
-    reference : (14 n,)
+    reference : ReferenceParameters
         What loads are predicted with.
     n_base : int
         Columns of the model itself: their friction says whose rows depend on the phase.

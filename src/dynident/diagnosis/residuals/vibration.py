@@ -11,7 +11,7 @@ from scipy import fft
 from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.residuals.lines import SLOWEST_VIBRATION, MotionLines, clock_of, peaks, pieces_of
-from dynident.effects import Signals
+from dynident.effects import ReferenceParameters, Signals
 from dynident.expressions import Program
 
 _AROUND, _STEPS_A_WIDTH = 0.3, 4
@@ -22,7 +22,11 @@ _MOST_ROWS = 6000
 
 
 def shaking(
-    comparisons: Sequence[Comparison], signals: Signals, reference: FloatArray, highest: float, motion: MotionLines
+    comparisons: Sequence[Comparison],
+    signals: Signals,
+    reference: ReferenceParameters,
+    highest: float,
+    motion: MotionLines,
 ) -> list[float]:
     """Frequencies (Hz) at which a shaking base explains far more of the residual than at others beside, best first.
 
@@ -31,7 +35,7 @@ def shaking(
 
     Parameters
     ----------
-    reference : (14 n,)
+    reference : ReferenceParameters
         Parameters that torque is predicted with.
     highest : Hz
         Nothing faster is looked for.
@@ -89,12 +93,12 @@ def _felt(signals: Signals) -> Program:
     return Program([signals.q, signals.reference], ca.densify(signals.predicted.gravity_torques))
 
 
-def _sensitivities(comparison: Comparison, felt: Program, reference: FloatArray) -> FloatArray:
+def _sensitivities(comparison: Comparison, felt: Program, reference: ReferenceParameters) -> FloatArray:
     """(m, n, 3): torque of every joint for one m/s² of gravity along each axis, over the joint's usual residual.
 
     Zero where the joint's equation does not tell.
     """
-    values = felt(comparison.q, reference).reshape(len(comparison.q), 3, -1).transpose(0, 2, 1)
+    values = felt(comparison.q, reference.vector).reshape(len(comparison.q), 3, -1).transpose(0, 2, 1)
     return np.asarray(values * (comparison.telling * _weights(comparison))[:, :, None])
 
 

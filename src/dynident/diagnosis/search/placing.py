@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.gate import JudgedCandidate, indistinguishable
 from dynident.diagnosis.candidates.gathering import gather
 from dynident.diagnosis.candidates.pool import pool_of
 from dynident.diagnosis.search.state import Finding, judge_all
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, ReferenceParameters, effect_by_id
 from dynident.identification import Identification
 from dynident.recordings import Recording
 
@@ -19,7 +18,10 @@ _NOTHING = 1.0
 
 
 def placed(
-    identification: Identification, picks: Sequence[Finding], recordings: Sequence[Recording], reference: FloatArray
+    identification: Identification,
+    picks: Sequence[Finding],
+    recordings: Sequence[Recording],
+    reference: ReferenceParameters,
 ) -> tuple[Finding, ...]:
     """The picks, those of what some runs have on the link that gains most; the outer one where data do not decide."""
     loose = [k for k, pick in enumerate(picks) if effect_by_id(pick.judged.candidate.effect).in_some_runs]

@@ -16,7 +16,7 @@ from dynident.diagnosis.search.pruning import pruned, trimmed
 from dynident.diagnosis.search.rungs import helpful
 from dynident.diagnosis.search.state import Finding, State, noise_left
 from dynident.diagnosis.search.transients import without_faded_contacts
-from dynident.effects import EffectChoice, columns_of, effect_by_id
+from dynident.effects import EffectChoice, ReferenceParameters, columns_of, effect_by_id
 from dynident.estimation import EstimationError, weighted
 from dynident.identification import Identification
 from dynident.identification.shapes.shapes import refine_shapes
@@ -34,7 +34,7 @@ def refined(
     identification: Identification,
     picks: Sequence[Finding],
     recordings: Sequence[Recording],
-    reference: FloatArray,
+    reference: ReferenceParameters,
     resolved: Resolution,
     floor: FloatArray,
     since: tuple[str, ...],
@@ -74,9 +74,9 @@ def improved(
     choices: Sequence[EffectChoice],
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    reference: FloatArray,
-) -> FloatArray:
-    """What torque is predicted with (14 n,) once the effects are in the model: without them it was biased by them."""
+    reference: ReferenceParameters,
+) -> ReferenceParameters:
+    """What torque is predicted with once the effects are in the model: without them it was biased by them."""
     biasing = [choice for choice in choices if effect_by_id(choice.effect).first_order]
     if not biasing:
         return reference
@@ -123,7 +123,7 @@ class _Lean:
         since: tuple[str, ...],
         recordings: Sequence[Recording],
         preprocessing: Preprocessing,
-        reference: FloatArray,
+        reference: ReferenceParameters,
     ) -> _Lean:
         """Gather the products of the model and of the choices that the picks have become."""
         columns = list(model.kept)

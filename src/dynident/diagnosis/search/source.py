@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
 from dynident.diagnosis.candidates.pool import Pool
 from dynident.diagnosis.search.refine import improved
 from dynident.diagnosis.search.state import Finding
+from dynident.effects import ReferenceParameters
 from dynident.progress import Progress, silent
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
@@ -17,12 +17,12 @@ from dynident.regressors.model import Model
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """The recordings that a search learns from; `reference` (14 n,) is what loads are predicted with."""
+    """The recordings that a search learns from; `reference` is what loads are predicted with."""
 
     model: Model
     recordings: tuple[Recording, ...]
     preprocessing: Preprocessing
-    reference: FloatArray
+    reference: ReferenceParameters
 
     def products(self, pool: Pool, progress: Progress = silent) -> PhasedProducts:
         """Inner products of all columns of a pool and of the torque."""

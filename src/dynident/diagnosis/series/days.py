@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 
-import numpy as np
-
 from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.pool import changes_in
 from dynident.diagnosis.comparing.noise import sensor_noise
 from dynident.diagnosis.residuals.leads import Leads
-from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, effect_by_id
+from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, ReferenceParameters, effect_by_id
 from dynident.effects.catalogue import columns_everywhere
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
@@ -42,7 +40,7 @@ class Measure:
     """What every day is reduced to: W of the model and, behind it, of all that may change; the same for all days.
 
     `possible` may differ from some day on; `lasting` would be missing in the model on all days alike: the same, and
-    what depends on the temperature. `reference` (14 n,) is what loads are predicted with.
+    what depends on the temperature. `reference` is what loads are predicted with.
     """
 
     model: Model
@@ -50,14 +48,14 @@ class Measure:
     possible: tuple[Possible, ...]
     lasting: tuple[Possible, ...]
     preprocessing: Preprocessing
-    reference: FloatArray
+    reference: ReferenceParameters
 
     @cached_property
     def digest(self) -> str:
         """What tells it from others: its columns, what loads are predicted with, the filters."""
         columns = [column.key for column in self.observation.columns]
         known = hashlib.sha256(repr((columns, asdict(self.preprocessing))).encode())
-        known.update(np.ascontiguousarray(self.reference).tobytes())
+        known.update(self.reference.vector.tobytes())
         return known.hexdigest()
 
 

@@ -45,7 +45,7 @@ class DesignModel:
     columns: tuple[Column, ...]
     n_chosen: int
     base: BaseParameters
-    reference: FloatArray
+    reference: ReferenceParameters
     notes: tuple[str, ...]
     counted: NDArray[np.bool_]
 
@@ -155,13 +155,13 @@ def design_model(
     effects: Sequence[EffectChoice],
     *,
     signals: Signals | None = None,
-    reference: FloatArray | None = None,
+    reference: ReferenceParameters | None = None,
     other_runs: bool = False,
 ) -> DesignModel:
     """Set up the observation matrix of a design.
 
-    `signals` may be those of another model of the robot, whose mechanics need not be derived again; `reference` (10 n,)
-    or longer the parameters that torque is predicted with, where better ones than the description's are known.
+    `signals` may be those of another model of the robot, whose mechanics need not be derived again; `reference` has the
+    parameters that torque is predicted with, where better ones than the description's are known.
 
     Columns that need a signal which a trajectory alone does not give (temperature, time) are left out, and a note says
     so. So are columns of what is in some runs only (a payload), unless there are `other_runs`: it then is in the run
@@ -188,7 +188,7 @@ def design_model(
         )
     known = ReferenceParameters.of_links(np.tile(np.array(_PLAUSIBLE_LINK), (robot.tree.n, 1)), robot.n)
     if reference is not None:
-        known = ReferenceParameters.of_vector(reference, robot)
+        known = reference
     elif robot.inertias is not None:
         known = ReferenceParameters.of_links(robot.inertias, robot.n)
     elif any(ca.depends_on(column.torque, signals.reference) for column in chosen):
@@ -201,7 +201,7 @@ def design_model(
         choices += (LINKS,)
     base = base_parameters(robot, columns, signals)
     return DesignModel(
-        robot, choices, signals, tuple(columns), len(chosen), base, known.vector, tuple(notes), np.full(robot.n, True)
+        robot, choices, signals, tuple(columns), len(chosen), base, known, tuple(notes), np.full(robot.n, True)
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
+from dynident.effects import ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.asked import RowsAsked
@@ -33,7 +34,7 @@ class Data:
     torque: Reduction
     recordings: tuple[Recording, ...]
     preprocessing: Preprocessing
-    reference: FloatArray
+    reference: ReferenceParameters
     rows: KeptRows | None = None
     friction: tuple[Recording, ...] = ()
 
@@ -73,7 +74,7 @@ def reduced(
     rows: RowsAsked,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> Data:
@@ -99,7 +100,7 @@ def torque_of(
     model: Model,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> Data:

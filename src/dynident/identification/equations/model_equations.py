@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from math import pi
 
-from dynident.arrays import FloatArray
+from dynident.effects import ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.asked import RowsAsked
@@ -48,7 +48,7 @@ def equations_of(
     rows: RowsAsked,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     progress: Progress = silent,
 ) -> Reduction:
     """The equations that a model of rows makes of recordings, in the columns of its base parameters.

@@ -42,7 +42,7 @@ def wrench_equations(
             title="Not identifiable with this model",
         )
     # No column of the links rests on a predicted load.
-    nothing = ReferenceParameters.nothing(model.robot).vector
+    nothing = ReferenceParameters.nothing(model.robot)
     reduction = reduce_form(found.form, plain, recordings, preprocessing, nothing, progress)
     if reduction.n_rows == 0:
         return reduction.combined(found.coordinates[:, found.n_extra :])

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import Column, ReferenceParameters, effect_by_id, role_of
+from dynident.effects import Column, effect_by_id, role_of
 from dynident.effects.prediction import ROTOR_INERTIA
 from dynident.identification.estimators.recorded_motion import RecordedMotion
 from dynident.progress import Progress, silent
@@ -98,7 +98,7 @@ def possible_standard(model: Model, values: FloatArray) -> FloatArray:
     Of rotors and links only sums are determined, so a rotor may have come out below zero: the links take that over.
     """
     inertias = model.standard_inertia(values).reshape(-1, 10)
-    rotors = ReferenceParameters.of_vector(model.reference(values), model.robot).rotors
+    rotors = model.reference(values).rotors
     own = dict(zip(model.base.kept, values, strict=True))
     standard = np.zeros(len(model.columns))
     for k, column in enumerate(model.columns):

@@ -102,7 +102,7 @@ def identify_currents(
     check_temperature(effects, recordings, validation)
     model = build_model(robot, effects)
     chosen = preprocessing or choose_preprocessing(recordings)
-    nothing = ReferenceParameters.nothing(robot).vector
+    nothing = ReferenceParameters.nothing(robot)
     training = reduce_recordings(model.observation, recordings, chosen, nothing, part(progress, 0.0, 0.7))
     held_out = None
     if validation:

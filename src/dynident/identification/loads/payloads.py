@@ -130,7 +130,7 @@ def loaded_data(
     carried = [load_in(recording.name) for recording in loaded]
     model = build_model(robot, [*effects, *carried])
     chosen = preprocessing or choose_preprocessing(recordings)
-    nothing = ReferenceParameters.nothing(robot).vector
+    nothing = ReferenceParameters.nothing(robot)
     reduction = reduce_recordings(model.observation, recordings, chosen, nothing, progress)
     check_reduction(model, reduction)
     return LoadedData(model, reduction, tuple(loaded))

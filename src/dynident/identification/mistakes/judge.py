@@ -204,7 +204,7 @@ class Judge:
 
     def _evaluated(self, motion: Motion) -> _Rows:
         robot, c = self._robot, self.n_columns
-        reference = ReferenceParameters.nothing(robot).vector
+        reference = ReferenceParameters.nothing(robot)
         memory = np.zeros((len(motion.q), self._observation.n_memory))
         entries = self._observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
         moves = moves_of(motion)

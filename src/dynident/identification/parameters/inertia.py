@@ -68,7 +68,7 @@ def _unit_accelerations(observation: Observation, seed: int) -> FloatArray:
         np.tile(q, (n + 1, 1)),
         np.zeros_like(accelerations),
         accelerations,
-        reference=ReferenceParameters.nothing(observation.robot).vector,
+        reference=ReferenceParameters.nothing(observation.robot),
         memory=np.zeros((len(accelerations), observation.n_memory)),
     ).reshape(n + 1, len(q), -1)
     # What does not depend on acceleration cancels.

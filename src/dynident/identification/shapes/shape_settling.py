@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.effects import Column, EffectChoice, columns_of
+from dynident.effects import Column, EffectChoice, ReferenceParameters, columns_of
 from dynident.estimation import (
     EstimationError,
     Reduction,
@@ -36,7 +36,7 @@ def settled_shapes(
     choices: Sequence[EffectChoice],
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     *,
     kept: Sequence[Collection[str]],
 ) -> tuple[EffectChoice, ...]:
@@ -110,7 +110,7 @@ class _Derivatives:
         places: Sequence[ShapePlace],
         recordings: Sequence[Recording],
         preprocessing: Preprocessing,
-        reference: FloatArray,
+        reference: ReferenceParameters,
         noise: FloatArray | None,
     ) -> _Derivatives:
         columns: list[Column] = list(model.kept)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import Column, EffectChoice, ShapeSpec, Signals, columns_of, effect_by_id
+from dynident.effects import Column, EffectChoice, ReferenceParameters, ShapeSpec, Signals, columns_of, effect_by_id
 from dynident.effects.catalogue import check_shape, joints_of
 from dynident.errors import DynidentError
 from dynident.estimation import noise_levels, ordinary, weighted_factor
@@ -72,7 +72,7 @@ def complete_shapes(
     added: Sequence[EffectChoice],
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> tuple[EffectChoice, ...]:
@@ -114,7 +114,7 @@ def find_shapes(
     added: Sequence[EffectChoice],
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> tuple[EffectChoice, ...]:
@@ -132,7 +132,7 @@ def refine_shapes(
     added: Sequence[EffectChoice],
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     progress: Progress = silent,
     *,
     kept: Sequence[Collection[str]] = (),
@@ -303,7 +303,7 @@ def _tabulate(
     options: Sequence[Sequence[EffectChoice]],
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     progress: Progress,
     known: KeptRows | None,
 ) -> _Table:

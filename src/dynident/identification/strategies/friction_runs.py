@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import effect_by_id
+from dynident.effects import ReferenceParameters, effect_by_id
 from dynident.estimation import EquationFactors, Reduction
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, filtered_blocks
 from dynident.recordings.constant_velocity import sole_mover
@@ -90,7 +90,7 @@ def friction_columns(model: Model, joint: int) -> list[int]:
 
 
 def friction_runs(
-    model: Model, recordings: Sequence[Recording], preprocessing: Preprocessing | None, reference: FloatArray
+    model: Model, recordings: Sequence[Recording], preprocessing: Preprocessing | None, reference: ReferenceParameters
 ) -> FrictionRuns:
     """Find all motions of single joints in recordings, and reduce them to rows of friction alone.
 
@@ -99,7 +99,7 @@ def friction_runs(
     preprocessing : Preprocessing, optional
         Its position filter is used; each recording's own choice where none is given. Torque is not filtered: the
         regression averages it.
-    reference : (10 n,) or (14 n,)
+    reference : ReferenceParameters
         What loads are predicted with.
     """
     pieces: list[Piece] = []
@@ -117,7 +117,7 @@ def friction_runs(
 
 
 def _pieces(
-    model: Model, recording: Recording, number: int, preprocessing: Preprocessing, reference: FloatArray
+    model: Model, recording: Recording, number: int, preprocessing: Preprocessing, reference: ReferenceParameters
 ) -> list[Piece]:
     entries_of = SampleFunction(model.observation, reference, recording)
     layouts = [_layout(model, joint) for joint in range(model.robot.n)]

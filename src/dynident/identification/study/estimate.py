@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray
-from dynident.effects import role_of
+from dynident.effects import ReferenceParameters, role_of
 from dynident.effects.written import constant_in_words
 from dynident.estimation import Solution, Statistics, noise_of_rows
 from dynident.estimation.deviations import owed_to_known
@@ -66,7 +66,7 @@ class IdentifiedParameter:
 class Estimate:
     """Estimates of a model's base parameters, and how sure they are.
 
-    `reference` (10 n,): the standard inertial parameters that the loads in the model's columns are predicted with;
+    `reference`: the parameters that the torque in the model's columns is predicted with;
     `noise` (n,): standard deviation of every joint's residual, N m or N; `owed_to_known` (b,): which parameters are
     known for what was known beside the data rather than for the data; `standard`: the standard parameters, where the
     estimator solved for these; `not_essential`: numbers of the parameters that were set to zero as such;
@@ -74,7 +74,7 @@ class Estimate:
     """
 
     model: Model
-    reference: FloatArray
+    reference: ReferenceParameters
     solution: Solution
     statistics: Statistics
     noise: FloatArray
@@ -88,7 +88,7 @@ class Estimate:
         cls,
         model: Model,
         data: ReducedData,
-        reference: FloatArray,
+        reference: ReferenceParameters,
         solution: Solution,
         statistics: Statistics,
         *,
@@ -143,6 +143,6 @@ class Estimate:
             return self.standard.inertias(self.model).reshape(-1)
         return self.model.standard_inertia(self.values)
 
-    def next_reference(self) -> FloatArray:
-        """What later models' loads and motor torques are predicted with (14 n,), from these parameters."""
+    def next_reference(self) -> ReferenceParameters:
+        """What later models' loads and motor torques are predicted with, from these parameters."""
         return self.model.reference(self.values)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dynident.arrays import FloatArray
+from dynident.effects import ReferenceParameters
 from dynident.estimation import Reduction
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.data import reduced, torque_of
@@ -26,7 +27,7 @@ def identify_model(
     validation: Sequence[Recording],
     choices: IdentificationChoices,
     preprocessing: Preprocessing,
-    reference: FloatArray,
+    reference: ReferenceParameters,
     progress: Progress,
     known: RowsInMemory = NONE_IN_MEMORY,
 ) -> Identification:
@@ -34,8 +35,8 @@ def identify_model(
 
     Parameters
     ----------
-    reference : (10 n,)
-        Standard inertial parameters for load predictions; any where no effect needs the load.
+    reference : ReferenceParameters
+        What torque is predicted with; any where no effect needs the load.
     known : RowsInMemory, optional
         Of a model that this one extends, for the same recordings and validation data.
     """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dynident.arrays import FloatArray
 from dynident.effects import LINKS, EffectChoice, ReferenceParameters, effect_by_id
 from dynident.errors import DynidentError
 from dynident.estimation import turning_weights, weighted
@@ -25,8 +24,8 @@ def prepared(
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
     progress: Progress,
-) -> tuple[tuple[EffectChoice, ...], FloatArray]:
-    """The effects with every shape constant found, and the standard inertial parameters for load predictions.
+) -> tuple[tuple[EffectChoice, ...], ReferenceParameters]:
+    """The effects with every shape constant found, and what torque is predicted with.
 
     Both come from a first fit without the effects that need them.
 
@@ -38,14 +37,14 @@ def prepared(
     effects = choices.effects
     plain = tuple(c for c in effects if not effect_by_id(c.effect).needs_load and not lacks_shape(c))
     if len(plain) == len(effects):
-        return effects, ReferenceParameters.nothing(robot).vector
+        return effects, ReferenceParameters.nothing(robot)
     if not any(choice.effect == LINKS.effect for choice in plain):
         raise DynidentError(
             "effects that depend on the load or whose shape is to be found need rigid_body beside them",
             pointer="/effects",
         )
     first = build_model(robot, plain, tolerance=choices.tolerance)
-    nothing = ReferenceParameters.nothing(robot).vector
+    nothing = ReferenceParameters.nothing(robot)
     reduction = reduce_recordings(
         first.observation, recordings, preprocessing, nothing, part(progress, 0.0, 0.5), by_phase=True
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from dynident.arrays import FloatArray
+from dynident.effects import ReferenceParameters
 from dynident.estimation import Reduction
 from dynident.identification.equations.data import Data
 from dynident.recordings import Preprocessing, Recording
@@ -55,13 +56,13 @@ class ReducedData:
             shaped=None,
         )
 
-    def to_solve(self, reference: FloatArray, recordings: tuple[Recording, ...] = ()) -> Data:
+    def to_solve(self, reference: ReferenceParameters, recordings: tuple[Recording, ...] = ()) -> Data:
         """What a model is solved from.
 
         Parameters
         ----------
-        reference : (10 n,)
-            Standard inertial parameters that the loads in the columns were predicted with.
+        reference : ReferenceParameters
+            What the torque in the columns was predicted with.
         recordings : tuple of Recording, optional
             For estimators that go through the samples again.
         """

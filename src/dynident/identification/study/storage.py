@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray
-from dynident.effects import EffectChoice, Signals
+from dynident.effects import EffectChoice, ReferenceParameters, Signals
 from dynident.errors import DynidentError
 from dynident.estimation import (
     Apart,
@@ -64,7 +64,7 @@ def _arrays(identification: Identification) -> dict[str, Any]:
     """One model without its ancestors."""
     estimate, data, base = identification.estimate, identification.data, identification.model.base
     arrays: dict[str, Any] = {
-        "reference": estimate.reference,
+        "reference": estimate.reference.vector,
         "values": estimate.solution.values,
         "solution_noise": estimate.solution.noise,
         "solution_factor": estimate.solution.factor,
@@ -172,7 +172,7 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
     estimate = Estimate.of(
         model,
         data,
-        arrays["reference"],
+        ReferenceParameters.of_vector(arrays["reference"], robot),
         _solution(arrays, bool(header.get("converged", True))),
         _statistics(arrays),
         standard=_standard(arrays),
