@@ -39,6 +39,12 @@ class Asked(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
+class Wanted(Asked):
+    """A request for something that may be given a name."""
+
+    name: Name | None = None
+
+
 class Queried(BaseModel):
     """What the query of an address asks for."""
 

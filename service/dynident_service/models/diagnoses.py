@@ -8,12 +8,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from dynident.diagnosis.stated import DiagnosisChoices
-from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
+from dynident_service.models.common import At, Computed, EffectChoice, Identifier, Shown, Wanted
 from dynident_service.models.derived import asks
 
 
 @asks(DiagnosisChoices, or_null=("max_effects",))
-class DiagnosisRequest(Asked):
+class DiagnosisRequest(Wanted):
     """Which model is questioned, on which measurements."""
 
     identification_id: Identifier
@@ -23,7 +23,6 @@ class DiagnosisRequest(Asked):
     baseline_ids: list[Identifier] = Field(
         default=[], max_length=100, description="Earlier measurements of the same robot: what differs since is told."
     )
-    name: Name | None = None
 
 
 class Candidate(Shown):

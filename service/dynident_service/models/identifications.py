@@ -11,7 +11,7 @@ from dynident.export.stated import ExportChoices
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.essential_choices import EssentialChoices
 from dynident.recordings.stated import PreprocessingChoices
-from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
+from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Shown, Wanted
 from dynident_service.models.derived import asks, query_of
 from dynident_service.models.labels import Labelled
 from dynident_service.models.revisions import SeenMeasurement
@@ -35,33 +35,30 @@ class Preprocessing(Asked):
 
 
 @asks(IdentificationChoices, "tolerance")
-class IdentificationRequest(Asked):
+class IdentificationRequest(Wanted):
     """What is to be identified, from which measurements, and how."""
 
     robot_id: Identifier
     measurement_ids: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
     validation_ids: list[Identifier] = Field(default=[], max_length=100)
-    name: Name | None = None
     effects: list[EffectChoice] = Field(
         default=[EffectChoice(effect=one.effect) for one in DEFAULT_EFFECTS], min_length=1, max_length=200
     )
     preprocessing: Preprocessing | Literal["auto"] = "auto"
 
 
-class ExtensionRequest(Asked):
+class ExtensionRequest(Wanted):
     """Effects to be added to an identified model."""
 
     effects: list[EffectChoice] = Field(min_length=1, max_length=200)
-    name: Name | None = None
 
 
-class RemovalRequest(Asked):
+class RemovalRequest(Wanted):
     """Effects to be taken out of an identified model."""
 
     effects: list[EffectChoice] = Field(
         min_length=1, max_length=200, description="Off the joints named, off all where none is"
     )
-    name: Name | None = None
 
 
 class StoredIdentification(IdentificationRequest):

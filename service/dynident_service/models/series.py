@@ -6,18 +6,17 @@ from typing import Annotated
 
 from pydantic import Field
 
-from dynident_service.models.common import Asked, Computed, EffectChoice, Identifier, Name, Shown
+from dynident_service.models.common import Computed, EffectChoice, Identifier, Shown, Wanted
 from dynident_service.models.diagnoses import Change
 
 
-class Day(Asked):
+class Day(Wanted):
     """The measurements of one day; without a name that of the first of them."""
 
     measurement_ids: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
-    name: Name | None = None
 
 
-class SeriesRequest(Asked):
+class SeriesRequest(Wanted):
     """Which robot is followed over which days."""
 
     identification_id: Identifier
@@ -25,7 +24,6 @@ class SeriesRequest(Asked):
     continues: Identifier | None = Field(
         default=None, description="A series of the same model whose days come first; they are not read again."
     )
-    name: Name | None = None
 
 
 class SeriesChange(Change):

@@ -8,14 +8,15 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from anyio import to_thread
-from fastapi import APIRouter, File, Form, Query, Request, Response, UploadFile
+from fastapi import APIRouter, File, Form, Request, Response, UploadFile
 from fastapi.responses import StreamingResponse
 
-from dynident_service.models.common import Page, plain
+from dynident_service.models.common import plain
 from dynident_service.models.imports import MeasurementOfImport
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
 from dynident_service.problems import ProblemError, ProblemField, not_found, unusable, validation_problem
-from dynident_service.routes.common import LabelledQueryDep, RetryKey, RetryKeyDep, again, make, page_of, stated
+from dynident_service.routes.common import RetryKey, RetryKeyDep, again, make, stated
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed
 from dynident_service.routes.uploads import MEDIA_TYPES, media_type_of, receive, require_room, sha256_of
 from dynident_service.services import Services, ServicesDep
@@ -108,32 +109,12 @@ def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key:
     return _Received(said, source, original.key, retry, robot, import_id=found.id)
 
 
-@router.get("")
-def list_measurements(
-    services: ServicesDep, query: LabelledQueryDep, robot_id: Annotated[str | None, Query()] = None
-) -> Page[MeasurementView]:
-    """List the measurements, newest first; those of one robot if asked."""
-    return page_of(services, "measurement", query, show, robot_id)
-
-
-@router.get("/{measurement_id}")
-def get_measurement(measurement_id: str, services: ServicesDep) -> MeasurementView:
-    """Show a measurement."""
-    return show(services.resources.get("measurement", measurement_id))
-
-
 @router.get("/{measurement_id}/content", response_class=StreamingResponse)
 def get_measurement_content(measurement_id: str, services: ServicesDep) -> StreamingResponse:
     """Give the file back as it was uploaded."""
     original = original_of(services.resources.get("measurement", measurement_id))
     headers = {"Content-Length": str(original.size), "ETag": f'"{original.key}"'}
     return StreamingResponse(services.objects.stream(original.key), media_type=original.media_type, headers=headers)
-
-
-@router.delete("/{measurement_id}", status_code=204)
-def delete_measurement(measurement_id: str, services: ServicesDep) -> None:
-    """Delete a measurement; 409 while others rest on it."""
-    services.resources.delete("measurement", measurement_id)
 
 
 def original_of(measurement: Resource) -> Owned:
@@ -161,6 +142,21 @@ def show(resource: Resource) -> MeasurementView:
             "archived": resource.archived,
         }
     )
+
+
+keep(
+    router,
+    Kept(
+        "measurement",
+        MeasurementView,
+        of="robot",
+        show=show,
+        shown="Show a measurement.",
+        deleted="Delete a measurement; 409 while others rest on it.",
+        labelled="Rename, tag or archive a measurement; the runs of a recording keep the name that they were read "
+        "with.",
+    ),
+)
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from anyio import to_thread
 from fastapi import APIRouter, Request, Response
 
-from dynident_service.models.common import Page, plain
+from dynident_service.models.common import plain
 from dynident_service.models.robots import RobotRequest, RobotView
-from dynident_service.routes.common import LabelledQueryDep, RetryKeyDep, make, page_of
+from dynident_service.routes.common import RetryKeyDep, make
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.meshes import inherited
 from dynident_service.services import ServicesDep
 from dynident_service.storage.meshes import named_meshes
@@ -29,24 +30,6 @@ async def create_robot(
     return await to_thread.run_sync(lambda: show(make(services, new, response)))
 
 
-@router.get("")
-def list_robots(services: ServicesDep, query: LabelledQueryDep) -> Page[RobotView]:
-    """List the robots, newest first."""
-    return page_of(services, "robot", query, show)
-
-
-@router.get("/{robot_id}")
-def get_robot(robot_id: str, services: ServicesDep) -> RobotView:
-    """Show a robot."""
-    return show(services.resources.get("robot", robot_id))
-
-
-@router.delete("/{robot_id}", status_code=204)
-def delete_robot(robot_id: str, services: ServicesDep) -> None:
-    """Delete a robot; 409 while others rest on it."""
-    services.resources.delete("robot", robot_id)
-
-
 def show(resource: Resource) -> RobotView:
     """Show a stored robot."""
     return RobotView.model_validate(
@@ -61,3 +44,16 @@ def show(resource: Resource) -> RobotView:
             "archived": resource.archived,
         }
     )
+
+
+keep(
+    router,
+    Kept(
+        "robot",
+        RobotView,
+        show=show,
+        shown="Show a robot.",
+        deleted="Delete a robot; 409 while others rest on it.",
+        labelled="Rename, tag or archive a robot.",
+    ),
+)
