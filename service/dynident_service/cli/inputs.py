@@ -28,6 +28,7 @@ from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot
 from dynident_service.cli.metadata import as_proposed, read_metadata
 from dynident_service.cli.options import Beside, Reading
+from dynident_service.cli.terminal import progress_bar
 
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.
@@ -154,6 +155,44 @@ def _reworded(detail: str, name: str) -> str:
 def recordings_of(measurements: Sequence[Loaded]) -> list[Recording]:
     """The recordings alone."""
     return [item.recording for item in measurements]
+
+
+@dataclass(frozen=True, eq=False)
+class Read:
+    """The measurements of a command and those beside them, and what is left of its progress bar."""
+
+    given: list[Loaded]
+    others: list[Loaded]
+    progress: Progress
+
+    @property
+    def recordings(self) -> list[Recording]:
+        """The measurements' recordings."""
+        return recordings_of(self.given)
+
+    @property
+    def other_recordings(self) -> list[Recording]:
+        """Those of the ones beside them."""
+        return recordings_of(self.others)
+
+
+@contextmanager
+def read(
+    title: str,
+    paths: Sequence[Path],
+    robot: Robot,
+    reading: Reading,
+    others: Sequence[Path] = (),
+    friction: Collection[Path] = (),
+    *,
+    share: float = 0.5,
+) -> Iterator[Read]:
+    """Check measurement files as `loaded` does, behind a progress bar of which that takes a share."""
+    with (
+        progress_bar(title) as progress,
+        loaded(paths, robot, reading, part(progress, 0.0, share), others, friction) as (given, beside),
+    ):
+        yield Read(given, beside, part(progress, share, 1.0))
 
 
 def effects_of(given: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:

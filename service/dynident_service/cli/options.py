@@ -16,6 +16,18 @@ def several(*names: str, metavar: str, help: str) -> object:
     return typer.Option(*names, metavar=metavar, help=help, default_factory=list, show_default=False)
 
 
+def several_files(*names: str, help: str) -> object:
+    """An option that names a file, any number of times."""
+    return several(*names, metavar="FILE", help=help)
+
+
+def of_file(*names: str, help: str) -> object:
+    """An option that names a file, or several."""
+    return typer.Option(*names, metavar="FILE", help=help, show_default=False)
+
+
+SomeFile = Annotated[Path | None, TO_READ]
+SomeFiles = Annotated[list[Path] | None, TO_READ]
 RobotArgument = Annotated[
     str,
     typer.Argument(
@@ -44,7 +56,7 @@ Measurements = Annotated[
 ]
 Validation = Annotated[
     list[Path],
-    several("--validation", "-v", metavar="FILE", help="Measurement that no parameter sees; may be repeated."),
+    several_files("--validation", "-v", help="Measurement that no parameter sees; may be repeated."),
     TO_READ,
 ]
 Columns = Annotated[

@@ -9,12 +9,8 @@ def effects(as_json: Json = False) -> None:
     """List the effects that models are made of."""
     from dynident.effects import CATALOGUE
     from dynident_service.adapters.effects import catalogue
-    from dynident_service.cli import terminal
-    from dynident_service.models.common import plain
+    from dynident_service.cli import telling, terminal
 
-    if as_json:
-        terminal.print_json(plain(catalogue()))
-        return
     rows = [
         [
             effect.id,
@@ -25,4 +21,5 @@ def effects(as_json: Json = False) -> None:
         for effect in CATALOGUE.values()
     ]
     columns = ("effect", "what it is", "parameters", "what it leaves in the residual")
-    terminal.out().print(terminal.table("", columns, rows, right_from=len(columns)))
+    table = terminal.table("", columns, rows, right_from=len(columns))
+    telling.say(as_json, catalogue, lambda console: console.print(table))

@@ -12,6 +12,8 @@ from dynident_service.cli.files import A_ROBOT, TO_READ
 from dynident_service.cli.options import Beside, Json, Out
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from dynident.identification.imports import Inspection
 
 
@@ -40,7 +42,7 @@ def inspect(
     --out writes the proposal as JSON; `dynident identify --metadata` takes it.
     """
     from dynident.identification.imports import inspect_file
-    from dynident_service.cli import inputs, metadata, terminal
+    from dynident_service.cli import inputs, metadata, telling
 
     machine = None if robot is None else inputs.robot_of(robot, beside_it)
     found = inspect_file(file, machine)
@@ -50,10 +52,8 @@ def inspect(
         if out is not None:
             document = json.dumps(metadata.proposed(found), indent=2, ensure_ascii=False)
             inputs.write_whole(out, f"{document}\n".encode())
-    if as_json:
-        terminal.print_json(_document(found))
-        return
-    _show(found, out)
+    written = () if out is None or found.proposal is None else (f"proposal written to {out}",)
+    telling.say(as_json, lambda: _document(found), lambda console: _show(console, found), *written)
 
 
 def _document(found: Inspection) -> dict[str, Any]:
@@ -62,10 +62,9 @@ def _document(found: Inspection) -> dict[str, Any]:
     return describe_inspection(found, found.sha256).model_dump(mode="json")
 
 
-def _show(found: Inspection, out: Path | None) -> None:
+def _show(console: Console, found: Inspection) -> None:
     from dynident_service.cli import terminal
 
-    console = terminal.out()
     console.print(f"{found.format}, {len(found.columns)} columns, {found.n_rows_seen} rows looked at", markup=False)
     if found.proposal is None:
         console.print(", ".join(found.columns), markup=False, soft_wrap=True)
@@ -79,5 +78,3 @@ def _show(found: Inspection, out: Path | None) -> None:
         console.print(f"? {one.field}: {one.detail}{choices}", markup=False, soft_wrap=True)
     if not found.proposal.questions:
         console.print("Nothing is to be answered: identify with --as-proposed.", markup=False)
-    if out is not None:
-        console.print(f"proposal written to {out}", markup=False)
