@@ -17,7 +17,8 @@ from dynident.reports.numbers import number, percent
 from dynident.robot import Limits
 from dynident.robot.collision import UNCHECKED
 from dynident_service.adapters.derived import taken
-from dynident_service.cli.inputs import document_of, stored_diagnosis
+from dynident_service.cli.files import document_of
+from dynident_service.cli.inputs import stored_diagnosis
 from dynident_service.cli.terminal import table
 from dynident_service.models.derived import body_of
 from dynident_service.models.robots import Limits as WireLimits

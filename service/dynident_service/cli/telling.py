@@ -10,7 +10,7 @@ from rich.console import Console
 
 from dynident.identification import Identification, to_bytes
 from dynident_service.cli import terminal
-from dynident_service.cli.inputs import write_whole
+from dynident_service.cli.files import write_whole
 from dynident_service.cli.options import Result
 from dynident_service.cli.shown import show_identification
 from dynident_service.cli.shown_ladders import show_ladder

@@ -13,7 +13,7 @@ from dynident.progress import Progress
 from dynident.recordings import Recording
 from dynident.validation.request import Methods, Trial, Tried
 from dynident_service.adapters.validations import describe
-from dynident_service.cli import inputs
+from dynident_service.cli.files import read_text
 from dynident_service.models.validations import ValidationResult
 
 _TITLE = "Unusable option"
@@ -28,7 +28,7 @@ def stored_validation(path: Path) -> ValidationResult:
         Where the file is not there or holds no validation.
     """
     try:
-        return ValidationResult.model_validate_json(inputs.read_text(path))
+        return ValidationResult.model_validate_json(read_text(path))
     except ValidationError as error:
         detail = f"{path.name} holds no validation; give what `dynident validate --out` wrote"
         raise DynidentError(detail, pointer="--validated", title="Unusable file") from error

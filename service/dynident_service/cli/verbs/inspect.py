@@ -42,7 +42,7 @@ def inspect(
     --out writes the proposal as JSON; `dynident identify --metadata` takes it.
     """
     from dynident.identification.imports import inspect_file
-    from dynident_service.cli import inputs, metadata, telling
+    from dynident_service.cli import files, inputs, metadata, telling
 
     machine = None if robot is None else inputs.robot_of(robot, beside_it)
     found = inspect_file(file, machine)
@@ -51,7 +51,7 @@ def inspect(
             metadata.as_proposed(file, found, has_gains=True)
         if out is not None:
             document = json.dumps(metadata.proposed(found), indent=2, ensure_ascii=False)
-            inputs.write_whole(out, f"{document}\n".encode())
+            files.write_whole(out, f"{document}\n".encode())
     written = () if out is None or found.proposal is None else (f"proposal written to {out}",)
     telling.say(as_json, lambda: _document(found), lambda console: _show(console, found), *written)
 

@@ -48,7 +48,7 @@ def report(
     from dynident.progress import part
     from dynident.reports import html_report, pdf_of
     from dynident_service.adapters.validation_tables import reported
-    from dynident_service.cli import inputs, telling
+    from dynident_service.cli import files, inputs, telling
     from dynident_service.cli.reporting import reported_runs
     from dynident_service.cli.validating import stored_validation
 
@@ -63,7 +63,7 @@ def report(
         read.progress(0.5, "drawing")
         page = html_report(identification, runs, diagnosis=found, validations=validations, title=choices.name)
         content = pdf_of(page) if prints else page.encode()
-    inputs.write_whole(out, content)
+    files.write_whole(out, content)
     document = {"path": str(out), "size": len(content), "media_type": MEDIA_TYPES[choices.format]}
     written = f"report written to {out} ({len(content) / 1e6:.2f} MB)"
     telling.say(as_json, lambda: document, lambda _: None, written)

@@ -41,7 +41,7 @@ def series(
     from dynident.progress import part
     from dynident.reports.figures.courses import courses_figure
     from dynident_service.adapters.series import describe_series
-    from dynident_service.cli import inputs, shown_series, tables, telling, terminal
+    from dynident_service.cli import files, inputs, shown_series, tables, telling, terminal
     from dynident_service.cli.kept_days import days_of
 
     identification = inputs.model_of(model)
@@ -51,15 +51,15 @@ def series(
         measure, measured = days_of(identification, days, reading, keep, part(progress, 0.0, 0.5))
         found = series_of(measure, measured, part(progress, 0.5, 1.0))
     if keep is not None:
-        inputs.write_whole(keep, days_to_bytes(measure, measured))
+        files.write_whole(keep, days_to_bytes(measure, measured))
     if figure is not None:
-        inputs.write_whole(figure, str(courses_figure(found)).encode())
+        files.write_whole(figure, str(courses_figure(found)).encode())
     if out is not None:
         tables.write_table(tables.courses_table(found), out)
-    files = ((keep, f"{len(measured)} days kept in"), (figure, "drawn in"), (out, "courses written to"))
+    told = ((keep, f"{len(measured)} days kept in"), (figure, "drawn in"), (out, "courses written to"))
     telling.say(
         as_json,
         lambda: describe_series(found),
         lambda console: shown_series.show_series(console, found, identification.model.robot),
-        *(f"{what} {path}" for path, what in files if path is not None),
+        *(f"{what} {path}" for path, what in told if path is not None),
     )
