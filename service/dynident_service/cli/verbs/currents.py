@@ -29,8 +29,9 @@ def currents(
     """
     from dynident.identification import identify_currents
     from dynident.identification.loads.payloads import PLAIN_EFFECTS
-    from dynident_service.adapters.current_models import describe_currents
+    from dynident_service.adapters.answers import shown as in_contract
     from dynident_service.cli import inputs, shown, telling
+    from dynident_service.models.current_models import CurrentModelsResult
 
     machine = inputs.robot_of(robot, reading)
     unknown = all(drive.gain is None for drive in machine.drives)
@@ -47,7 +48,7 @@ def currents(
         shown.show_measurements(console, *checked)
         _show(console, found)
 
-    telling.tell(result, "parameters", lambda: describe_currents(found), show)
+    telling.tell(result, "parameters", lambda: in_contract(CurrentModelsResult, None, joints=found), show)
 
 
 def _unscaled(measurements: Sequence[Loaded]) -> list[Loaded]:

@@ -8,7 +8,7 @@ from dynident_service.cli.options import Json
 def effects(as_json: Json = False) -> None:
     """List the effects that models are made of."""
     from dynident.effects import CATALOGUE
-    from dynident_service.adapters.effects import catalogue
+    from dynident_service.adapters.catalogue import catalogue
     from dynident_service.cli import telling, terminal
 
     rows = [
