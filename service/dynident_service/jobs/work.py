@@ -89,8 +89,7 @@ class Task:
 
         A store that is full or away is waited for: what was computed is not computed again for that.
         """
-        stored = patiently(lambda: self.resources.put(content), PATIENCE)
-        return Owned(role, stored.key, stored.size, media_type)
+        return patiently(lambda: self.resources.put_as(role, content, media_type), PATIENCE)
 
 
 @dataclass(frozen=True)

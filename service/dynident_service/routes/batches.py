@@ -89,7 +89,7 @@ def _accepted(services: Services, body: BatchRequest) -> list[NewResource]:
         try:
             accepted.append(_placed(new_identification(ahead, item, lambda found: robot(found.id)), f"/items/{number}"))
         except (DynidentError, ProblemError) as error:
-            problem = error.problem if isinstance(error, ProblemError) else problem_of(error)
+            problem = problem_of(error)
             wrong.append(problem.model_copy(update={"errors": _fields(problem, f"/items/{number}")}))
     if wrong:
         raise ProblemError.of(_refusal(wrong, len(body.items)))

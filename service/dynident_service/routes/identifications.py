@@ -210,8 +210,6 @@ def show(resource: Resource) -> IdentificationView:
         parent_id=parents[0] if parents else None,
         added=stored.added,
         removed=stored.removed,
-        tags=list(resource.tags),
-        archived=resource.archived,
     )
 
 

@@ -17,7 +17,7 @@ from dynident_service.routes.needs import needed
 from dynident_service.routes.uploads import media_type_of, receive, sha256_of
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.imports import KEPT
-from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
+from dynident_service.storage.records import NewResource, Resource, RestsOn, Retry
 
 router = APIRouter(prefix="/v1/imports", tags=["imports"])
 
@@ -54,9 +54,7 @@ async def import_file(
 def show(resource: Resource) -> ImportView:
     """Show a stored import."""
     expires_at = resource.created_at + timedelta(seconds=KEPT)
-    return ImportView.model_validate(
-        {**(resource.result or {}), "id": resource.id, "created_at": resource.created_at, "expires_at": expires_at}
-    )
+    return ImportView.model_validate({**vars(resource), **(resource.result or {}), "expires_at": expires_at})
 
 
 keep(
@@ -86,14 +84,13 @@ def _store(
     response: Response,
 ) -> Resource:
     services.resources.check_room("import", (source,))
-    stored = services.resources.put(source)
     new = NewResource(
         "import",
         plain(said),
         name=said.name,
         result=result,
         rests_on=(RestsOn(said.robot_id, "robot", "robot", "/metadata/robot_id"),),
-        objects=(Owned("original", stored.key, stored.size, media_type_of(source)),),
+        objects=(services.resources.put_as("original", source, media_type_of(source)),),
         retry=retry,
     )
     return make(services, new, response)

@@ -129,17 +129,13 @@ def show(resource: Resource) -> MeasurementView:
     said = MeasurementMetadata.model_validate(resource.request)
     return MeasurementView.model_validate(
         {
+            **vars(resource),
             **(resource.result or {}),
-            "id": resource.id,
-            "name": resource.name,
-            "created_at": resource.created_at,
             **said.model_dump(include={"robot_id", "role", "windows"}),
             "parent_id": next(iter(resource.all("parent")), None),
             "revision": len((resource.result or {}).get("edits", [])),
             "effort_kind": said.model_dump(include={"effort_kind"})["effort_kind"] or "unknown",
             "request": said,
-            "tags": resource.tags,
-            "archived": resource.archived,
         }
     )
 
@@ -223,9 +219,5 @@ def _store(services: Services, received: _Received, result: Mapping[str, Any], r
 def _keep(services: Services, received: _Received) -> tuple[Owned, ...]:
     source, canonical = received.source, received.recording
     services.resources.check_room("measurement", (source, canonical))
-    media_type = media_type_of(source)
-    kept = []
-    for role, path, kind in (("original", source, media_type), ("recording", canonical, MEDIA_TYPES["parquet"])):
-        stored = services.resources.put(path)
-        kept.append(Owned(role, stored.key, stored.size, kind))
-    return tuple(kept)
+    original = services.resources.put_as("original", source, media_type_of(source))
+    return original, services.resources.put_as("recording", canonical, MEDIA_TYPES["parquet"])

@@ -18,7 +18,7 @@ from dynident_service.routes.measurements import IMPORT, LONGEST_IMPORT, origina
 from dynident_service.routes.uploads import MEDIA_TYPES
 from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn
+from dynident_service.storage.records import NewResource, Resource, RestsOn
 
 router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
 
@@ -52,7 +52,6 @@ async def revise_measurement(
 
         def store() -> Resource:
             services.resources.check_room("measurement", (destination,))
-            stored = services.resources.put(destination)
             needs = (
                 RestsOn(said.robot_id, "robot", "robot", "/"),
                 RestsOn(parent.id, "measurement", "parent", "/"),
@@ -65,7 +64,7 @@ async def revise_measurement(
                 rests_on=needs,
                 objects=(
                     parent.objects["original"],
-                    Owned("recording", stored.key, stored.size, MEDIA_TYPES["parquet"]),
+                    services.resources.put_as("recording", destination, MEDIA_TYPES["parquet"]),
                 ),
                 retry=key,
             )

@@ -32,18 +32,7 @@ async def create_robot(
 
 def show(resource: Resource) -> RobotView:
     """Show a stored robot."""
-    return RobotView.model_validate(
-        {
-            **(resource.result or {}),
-            "meshes": named_meshes(resource),
-            "id": resource.id,
-            "name": resource.name,
-            "created_at": resource.created_at,
-            "request": resource.request,
-            "tags": resource.tags,
-            "archived": resource.archived,
-        }
-    )
+    return RobotView.model_validate({**vars(resource), **(resource.result or {}), "meshes": named_meshes(resource)})
 
 
 keep(

@@ -31,7 +31,7 @@ from dynident_service.storage.backup import (
 )
 from dynident_service.storage.checking import check_rows
 from dynident_service.storage.database import Database
-from dynident_service.storage.identifiers import PREFIXES
+from dynident_service.storage.identifiers import KINDS
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.patience import reason_of
 from dynident_service.storage.reading import OF_JOBS, OF_RESOURCES
@@ -54,7 +54,6 @@ _MEDIA_TYPE = re.compile(r"[\w.+-]+/[\w.+-]+(; ?[\w-]+=[\w.-]+)*", re.ASCII)
 EVENTS = frozenset({"state", "progress"})
 MOST_FILES = 100_000
 """A robot has a few for each recording and each model."""
-KINDS = {prefix: kind for kind, prefix in PREFIXES.items()}
 
 
 def export_robot(database: Database, objects: ObjectStore, robot_id: str, target: Path) -> Amount:
@@ -86,9 +85,7 @@ def import_robot(
     with files_to_read(source, MOST_FILES) as files:
         with database.engine.connect() as connection:
             robot = str(read_manifest(files, "robot", known_revisions(connection))["subject"])
-            rows: dict[Any, list[_Row]] = {
-                table: list(read_rows(files, table_of(table))) for table in (*(one for one, _ in PARTS), JobEventRow)
-            }
+            rows: dict[Any, list[_Row]] = {table: list(read_rows(files, table_of(table))) for table in TABLES}
             _check(files, rows, robot, look_at)
             known = {row["id"] for row in _of(connection, ResourceRow, ResourceRow.id, _ids(rows[ResourceRow]))}
         new = {row["id"] for row in rows[ResourceRow]} - known

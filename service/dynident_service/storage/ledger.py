@@ -18,6 +18,7 @@ from sqlalchemy.orm import Session
 from dynident_service.problems import Problem, ProblemError, not_found
 from dynident_service.storage import turns
 from dynident_service.storage.database import AT_ONCE, Database, clock
+from dynident_service.storage.reading import OF_JOBS
 from dynident_service.storage.records import FINAL, Job, JobEvent, NewJob, State
 from dynident_service.storage.tables import EVENTS, JOBS, JobRow
 from dynident_service.storage.turns import Claim
@@ -274,19 +275,7 @@ class Ledger:
 
 def as_job(row: JobRow | Row[object]) -> Job:
     """Take a job off its row."""
-    return Job(
-        id=row.id,
-        kind=row.kind,
-        resource_id=row.resource_id,
-        state=cast(State, row.state),
-        fraction=row.fraction,
-        message=row.message,
-        error=row.error,
-        attempt=row.attempt,
-        created_at=row.created_at,
-        started_at=row.started_at,
-        finished_at=row.finished_at,
-    )
+    return Job(*(getattr(row, name) for name in OF_JOBS))
 
 
 def _running(connection: Connection, own: Collection[str] | None) -> int:
