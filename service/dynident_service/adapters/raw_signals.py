@@ -14,8 +14,7 @@ from dynident.recordings.phases import phases_of
 from dynident.robot import Robot
 from dynident_service.adapters.answers import numbers
 from dynident_service.adapters.revisions import metadata_of
-from dynident_service.models.measurements import MeasurementMetadata
-from dynident_service.models.raw_signals import RawSignals, Standstills, StandstillsOfJoint
+from dynident_service.models.measurements import MeasurementMetadata, RawSignals, Standstills, StandstillsOfJoint
 
 
 def as_recorded(path: Path, robot: Robot, said: MeasurementMetadata, wanted: list[str]) -> AsRecorded:

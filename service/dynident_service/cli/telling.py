@@ -12,8 +12,7 @@ from dynident.identification import Identification, to_bytes
 from dynident_service.cli import terminal
 from dynident_service.cli.files import write_whole
 from dynident_service.cli.options import Result
-from dynident_service.cli.shown import show_identification
-from dynident_service.cli.shown_ladders import show_ladder
+from dynident_service.cli.shown import show_identification, show_ladder
 
 if TYPE_CHECKING:
     from pydantic import BaseModel

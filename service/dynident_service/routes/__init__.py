@@ -5,7 +5,6 @@ They import the science where they use it, not at their top: it takes seconds to
 
 from dynident_service.routes import (
     batches,
-    bundles,
     comparisons,
     current_models,
     designs,
@@ -17,7 +16,6 @@ from dynident_service.routes import (
     jobs,
     measurements,
     meshes,
-    raw_signals,
     reports,
     revisions,
     robots,
@@ -27,7 +25,6 @@ from dynident_service.routes import (
     uncertainty,
     usage,
     validations,
-    verdicts,
 )
 
 # A path is held against one after the other: first those that are asked for most. Batches stand before identifications,
@@ -39,16 +36,13 @@ ROUTERS = (
     jobs.router,
     robots.router,
     meshes.router,
-    bundles.router,
     effects.router,
     designs.router,
     simulations.router,
     imports.router,
     measurements.router,
     revisions.router,
-    raw_signals.router,
     uncertainty.router,
-    verdicts.router,
     comparisons.router,
     diagnoses.router,
     series.router,

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Response
 from pydantic import TypeAdapter
 
 from dynident.errors import DynidentError
-from dynident_service.models.batches import BatchItem, BatchRequest, BatchView
+from dynident_service.models.identifications import BatchItem, BatchRequest, BatchView
 from dynident_service.problems import (
     MOST_FIELDS,
     Problem,

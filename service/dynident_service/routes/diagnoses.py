@@ -60,7 +60,7 @@ def get_evidence(
 ) -> Evidence:
     """Give the figure behind a ranked effect: the residual over what it depends on, and the fitted effect with it."""
     with importing():
-        from dynident_service.adapters.evidence import read_evidence
+        from dynident_service.adapters.diagnoses import read_evidence
 
     found = succeeded(services.resources.get("diagnosis", diagnosis_id))
     if "evidence" not in found.objects:

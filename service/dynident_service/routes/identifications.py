@@ -24,8 +24,7 @@ from dynident_service.routes.common import LabelledQueryDep, RetryKeyDep, comput
 from dynident_service.routes.diagnosed import as_diagnosed
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import ReadAhead, Reading, needed, needed_measurements, needed_robot
-from dynident_service.routes.uncertainty import AWAITED, model_file
-from dynident_service.routes.verdicts import refuse_stopped
+from dynident_service.routes.uncertainty import AWAITED, model_file, refuse_stopped
 from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn, Retry

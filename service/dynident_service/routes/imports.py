@@ -16,8 +16,8 @@ from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed
 from dynident_service.routes.uploads import media_type_of, receive, sha256_of
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.imports import KEPT
 from dynident_service.storage.records import NewResource, Resource, RestsOn, Retry
+from dynident_service.storage.retention import KEPT
 
 router = APIRouter(prefix="/v1/imports", tags=["imports"])
 

@@ -10,8 +10,7 @@ from typing import Annotated, TypeVar, cast, get_type_hints
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import BaseModel
 
-from dynident_service.models.common import Computed, Page, plain
-from dynident_service.models.labels import LabelsRequest
+from dynident_service.models.common import Computed, LabelsRequest, Page, plain
 from dynident_service.routes.common import LabelledQueryDep, ListQueryDep, RetryKeyDep, computed, make, page_of
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Kind, NewJob, NewResource, Resource, RestsOn

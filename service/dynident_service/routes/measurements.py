@@ -1,4 +1,4 @@
-"""Measurements: upload with checks, look, fetch what was uploaded, delete."""
+"""Measurements: upload with checks, look, fetch what was uploaded or some signals of it, delete."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from anyio import to_thread
-from fastapi import APIRouter, File, Form, Request, Response, UploadFile
+from fastapi import APIRouter, File, Form, Query, Request, Response, UploadFile
 from fastapi.responses import StreamingResponse
 
 from dynident_service.models.common import plain
 from dynident_service.models.imports import MeasurementOfImport
-from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
+from dynident_service.models.measurements import MeasurementMetadata, MeasurementView, RawSignals, Standstills
 from dynident_service.problems import ProblemError, ProblemField, not_found, unusable, validation_problem
 from dynident_service.routes.common import RetryKey, RetryKeyDep, again, make, stated
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed
 from dynident_service.routes.uploads import MEDIA_TYPES, media_type_of, receive, require_room, sha256_of
+from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
 from dynident_service.storage.tombstones import ObjectGone
@@ -221,3 +222,40 @@ def _keep(services: Services, received: _Received) -> tuple[Owned, ...]:
     services.resources.check_room("measurement", (source, canonical))
     original = services.resources.put_as("original", source, media_type_of(source))
     return original, services.resources.put_as("recording", canonical, MEDIA_TYPES["parquet"])
+
+
+@router.get("/{measurement_id}/raw", response_model=RawSignals)
+def get_raw_signals(
+    measurement_id: str,
+    services: ServicesDep,
+    signals: Annotated[
+        str | None,
+        Query(description="q1,tau_elbow,… or the file's own columns, with commas between; else all q and tau"),
+    ] = None,
+    start: Annotated[float | None, Query(alias="from", allow_inf_nan=False, description="s")] = None,
+    end: Annotated[float | None, Query(alias="to", allow_inf_nan=False, description="s")] = None,
+    points: Annotated[int | None, Query(ge=12, le=100_000, description="About how many; all where not given")] = None,
+) -> Response:
+    """Give signals as they were recorded; with `points` thinned so that extremes survive, else all of them."""
+    with importing():
+        from dynident_service.adapters.raw_signals import as_recorded, streamed, thinned
+        from dynident_service.adapters.robots import robot_of
+
+    found = services.resources.get("measurement", measurement_id)
+    said = MeasurementMetadata.model_validate(found.request)
+    robot = robot_of(services.resources.get("robot", said.robot_id).request)
+    wanted = [name.strip() for name in (signals or "").split(",") if name.strip()]
+    opened = as_recorded(services.objects.path(original_of(found).key), robot, said, wanted)
+    if points is None:
+        return StreamingResponse(streamed(opened, start, end), media_type="application/json")
+    return Response(thinned(opened, points, start, end).model_dump_json(), media_type="application/json")
+
+
+@router.get("/{measurement_id}/standstills")
+def get_standstills(measurement_id: str, services: ServicesDep) -> Standstills:
+    """Give the stretches of time in which each joint stands, as the recording's rows are told apart for friction."""
+    with importing():
+        from dynident_service.adapters.measurements import recording_of
+        from dynident_service.adapters.raw_signals import standstills
+
+    return standstills(recording_of(services.resources.get("measurement", measurement_id), services.objects))

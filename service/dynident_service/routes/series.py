@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from fastapi import APIRouter, Response
 
-from dynident_service.models.series import SeriesRequest, SeriesView
+from dynident_service.models.diagnoses import SeriesRequest, SeriesView
 from dynident_service.problems import unusable
 from dynident_service.routes.common import succeeded
 from dynident_service.routes.kept import Kept, asked_for

@@ -69,7 +69,7 @@ def identify(
     from dynident.identification import to_bytes
     from dynident.recordings import preprocessing_from_request
     from dynident.verdict import verdict
-    from dynident_service.cli import inputs, parsing, shown, shown_verdicts, telling
+    from dynident_service.cli import inputs, parsing, shown, telling
 
     machine = inputs.robot_of(robot, reading)
     chosen = inputs.effects_of(beside.effects, machine) or DEFAULT_EFFECTS
@@ -101,8 +101,8 @@ def identify(
     def show(console: Console) -> None:
         shown.show_measurements(console, read.given, read.others)
         shown.show_identification(console, found)
-        shown_verdicts.show_verdict(console, judged)
+        shown.show_verdict(console, judged)
 
     telling.tell(result, "model", described, show, to_bytes(found))
     if judged.stop is not None:
-        raise typer.Exit(shown_verdicts.STOPPED)
+        raise typer.Exit(shown.STOPPED)

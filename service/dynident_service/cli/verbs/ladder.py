@@ -26,7 +26,7 @@ def ladder(
     """Show the models that led to one, and their errors; which predicts held-out data best, and where that rises."""
     from dynident.errors import DynidentError
     from dynident_service.adapters.lineages import beside, rungs_of
-    from dynident_service.cli import inputs, shown_ladders, telling
+    from dynident_service.cli import inputs, shown, telling
     from dynident_service.models.identifications import Lineage
 
     found = inputs.model_of(model)
@@ -44,8 +44,8 @@ def ladder(
 
     def show(console: Console) -> None:
         if other is None or against is None:
-            shown_ladders.show_ladder(console, found)
+            shown.show_ladder(console, found)
         else:
-            shown_ladders.show_ladders(console, (model.stem, found), (against.stem, other))
+            shown.show_ladders(console, (model.stem, found), (against.stem, other))
 
     telling.say(as_json, described, show)

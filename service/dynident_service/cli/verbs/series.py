@@ -40,8 +40,8 @@ def series(
     from dynident.diagnosis.series import series as series_of
     from dynident.progress import part
     from dynident.reports.figures.courses import courses_figure
-    from dynident_service.adapters.series import describe_series
-    from dynident_service.cli import files, inputs, shown_series, tables, telling, terminal
+    from dynident_service.adapters.diagnoses import describe_series
+    from dynident_service.cli import files, inputs, shown, tables, telling, terminal
     from dynident_service.cli.kept_days import days_of
 
     identification = inputs.model_of(model)
@@ -60,6 +60,6 @@ def series(
     telling.say(
         as_json,
         lambda: describe_series(found),
-        lambda console: shown_series.show_series(console, found, identification.model.robot),
+        lambda console: shown.show_series(console, found, identification.model.robot),
         *(f"{what} {path}" for path, what in told if path is not None),
     )

@@ -55,10 +55,9 @@ def validate(
     """
     from dynident.errors import DynidentError
     from dynident_service.cli import inputs, shown_validations, telling, validating
-    from dynident_service.cli import methods as by_name
 
     identification = inputs.model_of(model)
-    stated: Any = asked.request(Stated, methods=by_name.methods_of(beside.methods or []))
+    stated: Any = asked.request(Stated, methods=validating.methods_of(beside.methods or []))
     try:
         trial = trial_of(kind, {one.name: getattr(stated, one.name) for one in fields(stated)})
     except DynidentError as error:
