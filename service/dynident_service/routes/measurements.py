@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -72,7 +72,7 @@ async def upload_measurement(
     with services.scratch() as folder:
         said = stated(MeasurementMetadata, metadata, "/metadata")
         received = await to_thread.run_sync(_receive, services, said, file, folder, retry)
-        return await _checked(request, services, received, response)
+        return await checked(request, services, received, response)
 
 
 async def _of_import(request: Request, services: Services, retry: RetryKey, response: Response) -> MeasurementView:
@@ -80,23 +80,23 @@ async def _of_import(request: Request, services: Services, retry: RetryKey, resp
     asked = stated(MeasurementOfImport, await request.body())
     with services.scratch() as folder:
         received = await to_thread.run_sync(_imported, services, asked, folder, retry)
-        return await _checked(request, services, received, response)
+        return await checked(request, services, received, response)
 
 
-async def _checked(request: Request, services: Services, received: _Received, response: Response) -> MeasurementView:
-    """Check a file and store it, unless an earlier try did."""
-    if received.known is not None:
-        return show(again(received.known, response))
+async def checked(
+    request: Request, services: Services, received: Received | Resource, response: Response
+) -> MeasurementView:
+    """Check a file and store it, unless an earlier try did, which made the resource."""
+    if isinstance(received, Resource):
+        return show(again(received, response))
     result = await services.awaited.call(request, IMPORT, dict, received.to_import(), LONGEST_IMPORT)
     return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
 
 
-def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key: RetryKey) -> _Received:
-    retry = key.of(asked)
-    source = folder / "source"
-    said = asked.metadata
+def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key: RetryKey) -> Received | Resource:
+    retry, source, said = key.of(asked), folder / "source", asked.metadata
     if (known := services.resources.known(retry)) is not None:
-        return _Received(said, source, "", retry, {}, known)
+        return known
     found = services.resources.find(asked.import_id)
     if found is None or found.kind != "import":
         detail = f"there is no import {asked.import_id!r}; they are kept for a day: upload the file again"
@@ -107,7 +107,7 @@ def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key:
         for part in services.objects.stream(original.key):
             target.write(part)
     robot = needed(services, "robot", said.robot_id, "/metadata/robot_id").request
-    return _Received(said, source, original.key, retry, robot, import_id=found.id)
+    return Received(said, source, folder, original.key, retry, robot, import_id=found.id)
 
 
 @router.get("/{measurement_id}/content", response_class=StreamingResponse)
@@ -157,23 +157,26 @@ keep(
 
 
 @dataclass(frozen=True)
-class _Received:
+class Received:
     """A file that was received, and what is said of it."""
 
     said: MeasurementMetadata
     source: Path
+    folder: Path
     sha256: str
     retry: Retry | None
     robot: Mapping[str, Any]
-    known: Resource | None = None
-    """What an earlier try of the same upload made."""
     import_id: str | None = None
     """The import that the file comes from."""
+    revised: Resource | None = None
+    """The measurement of the same file of which something else is said now."""
+    edits: Sequence[Mapping[str, object]] = ()
+    """All that was said of it since it was uploaded."""
 
     @property
     def recording(self) -> Path:
         """Where the recording is to be written."""
-        return self.source.with_name("recording.parquet")
+        return self.folder / "recording.parquet"
 
     def to_import(self) -> dict[str, Any]:
         """Give what the import is told."""
@@ -186,27 +189,30 @@ class _Received:
         }
 
 
-def _receive(services: Services, said: MeasurementMetadata, file: UploadFile, folder: Path, key: RetryKey) -> _Received:
+def _receive(
+    services: Services, said: MeasurementMetadata, file: UploadFile, folder: Path, key: RetryKey
+) -> Received | Resource:
     source = folder / "source"
     receive(services, file, source)
     sha256 = sha256_of(source)
     retry = key.of(said, sha256)
     if (known := services.resources.known(retry)) is not None:
-        return _Received(said, source, sha256, retry, {}, known)
+        return known
     robot = needed(services, "robot", said.robot_id, "/metadata/robot_id").request
-    return _Received(said, source, sha256, retry, robot)
+    return Received(said, source, folder, sha256, retry, robot)
 
 
-def _store(services: Services, received: _Received, result: Mapping[str, Any], response: Response) -> Resource:
-    said = received.said
+def _store(services: Services, received: Received, result: Mapping[str, Any], response: Response) -> Resource:
+    said, revised = received.said, received.revised
     new = NewResource(
         "measurement",
         plain(said),
         name=said.name,
-        result=result,
+        result={**result, "edits": received.edits},
         rests_on=(
             RestsOn(said.robot_id, "robot", "robot", "/metadata/robot_id"),
             *([RestsOn(received.import_id, "import", "import", "/import_id")] if received.import_id else []),
+            *([RestsOn(revised.id, "measurement", "parent", "/")] if revised else []),
         ),
         objects=_keep(services, received),
         retry=received.retry,
@@ -217,10 +223,14 @@ def _store(services: Services, received: _Received, result: Mapping[str, Any], r
         return make(services, replace(new, objects=_keep(services, received)), response)
 
 
-def _keep(services: Services, received: _Received) -> tuple[Owned, ...]:
-    source, canonical = received.source, received.recording
-    services.resources.check_room("measurement", (source, canonical))
-    original = services.resources.put_as("original", source, media_type_of(source))
+def _keep(services: Services, received: Received) -> tuple[Owned, ...]:
+    source, canonical, revised = received.source, received.recording, received.revised
+    services.resources.check_room("measurement", (source, canonical) if revised is None else (canonical,))
+    original = (
+        services.resources.put_as("original", source, media_type_of(source))
+        if revised is None
+        else original_of(revised)
+    )
     return original, services.resources.put_as("recording", canonical, MEDIA_TYPES["parquet"])
 
 
