@@ -34,8 +34,8 @@ from dynident_service.storage.database import Database
 from dynident_service.storage.identifiers import KINDS
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.patience import reason_of
-from dynident_service.storage.reading import OF_JOBS, OF_RESOURCES
-from dynident_service.storage.records import FINAL, Job, Kind, Owned, Resource
+from dynident_service.storage.reading import OF_JOBS, OF_RESOURCES, as_resource
+from dynident_service.storage.records import FINAL, Kind, Owned, Resource
 from dynident_service.storage.tables import DependencyRow, JobEventRow, JobRow, ObjectRow, ResourceRow, table_of
 from dynident_service.storage.tombstones import announce, hold
 
@@ -210,15 +210,11 @@ def _resources(rows: dict[Any, list[_Row]]) -> Iterator[Resource]:
     for row in rows[ObjectRow]:
         one = Owned(row["role"], row["key"], row["size"], row["media_type"])
         owned.setdefault(row["resource_id"], {})[row["role"]] = one
-    jobs: dict[str, Any] = {row["resource_id"]: {name: row.get(name) for name in OF_JOBS} for row in rows[JobRow]}
+    jobs = {row["resource_id"]: row for row in rows[JobRow]}
     for row in rows[ResourceRow]:
-        said: dict[str, Any] = {name: row.get(name) for name in OF_RESOURCES}
-        yield Resource(
-            **{**said, "tags": tuple(said["tags"] or ()), "archived": bool(said["archived"])},
-            rests_on=tuple(sorted(needs.get(row["id"], ()))),
-            objects=owned.get(row["id"], {}),
-            job=Job(**jobs[row["id"]]) if row["id"] in jobs else None,
-        )
+        job = jobs.get(row["id"], {})
+        told = [*(row.get(name) for name in OF_RESOURCES), *(job.get(name) for name in OF_JOBS)]
+        yield as_resource(told, needs.get(row["id"], ()), owned.get(row["id"], {}))
 
 
 def _store(connection: Connection, rows: dict[Any, list[_Row]], new: set[str]) -> int:
