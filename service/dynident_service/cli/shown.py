@@ -65,31 +65,30 @@ def show_measurements(console: Console, measurements: Sequence[Loaded], held_out
         for check in item.checks:
             if check.status != "ok":
                 name = check.name.replace("_", " ")
-                console.print(f"  {_MARKS[check.status]} {item.recording.name}, {name}: {check.detail}", markup=False)
+                console.print(f"  {_MARKS[check.status]} {item.recording.name}, {name}: {check.detail}")
 
 
 def show_identification(console: Console, found: Identification, *, parameters: bool = True) -> None:
     """Errors per joint, parameters, warnings."""
     for reason in found.preprocessing.reasons:
-        console.print(f"  {reason}", markup=False, style="dim")
+        console.print(f"  {reason}", style="dim")
     console.print(_errors_table(found))
     if parameters:
         console.print(_parameters_table(found))
         for sentence in parameter_dependence(found).sentences:
-            console.print(f"  {sentence}", markup=False)
+            console.print(f"  {sentence}")
         console.print(
             f"Condition number of W: {number(found.condition_number)}; {found.equations_per_parameter:.0f} equations "
-            "per parameter",
-            markup=False,
+            "per parameter"
         )
     if found.shape_constants:
         console.print(_shapes_table(found))
         for constant in found.shape_constants:
             if constant.note and constant.judgement != "chosen":
                 place = place_text(constant.joints, found.model.robot)
-                console.print(f"  {constant.name} of {constant.effect} on {place}: {constant.note}.", markup=False)
+                console.print(f"  {constant.name} of {constant.effect} on {place}: {constant.note}.")
     for warning in found.warnings:
-        console.print(f"! {warning}", markup=False, style="yellow")
+        console.print(f"! {warning}", style="yellow")
 
 
 def show_essential(console: Console, found: EssentialPath) -> None:
@@ -104,7 +103,7 @@ def show_essential(console: Console, found: EssentialPath) -> None:
     columns = ("taken out", "relative deviation", "p", "fit", "held out")
     console.print(table("Backward elimination", columns, rows))
     console.print(_parameters_table(found.identification))
-    console.print(found.reason, markup=False)
+    console.print(found.reason)
 
 
 def show_comparison(console: Console, name: str, found: Comparison, judged: Judgement) -> None:
@@ -134,8 +133,7 @@ def show_comparison(console: Console, name: str, found: Comparison, judged: Judg
     if (found.phase == Phase.STANDING).any():
         console.print(
             "  Where a joint stands, static friction may hold the torque; held against the predicted torque itself the "
-            f"error on all rows is {percent(found.raw_errors.relative_total)}.",
-            markup=False,
+            f"error on all rows is {percent(found.raw_errors.relative_total)}."
         )
     worst = [
         [
@@ -149,35 +147,34 @@ def show_comparison(console: Console, name: str, found: Comparison, judged: Judg
     ]
     console.print(table("Where it is worst", ("joint", "when", "rms", "of the joint's own", "pose"), worst))
     for note in judged.notes:
-        console.print(f"  {note}", markup=False)
+        console.print(f"  {note}")
 
 
 def show_diagnosis(console: Console, found: AdvisedDiagnosis, robot: Robot) -> None:
     """The verdict, the ranking, what was not visible."""
-    console.print(found.summary, markup=False, style="bold")
+    console.print(found.summary, style="bold")
     console.print(table("Candidates", CANDIDATES, candidate_rows(found.candidates, robot), right_from=3))
     for item in found.candidates:
         if item.significant:
-            console.print(f"  {item.rank}. {item.evidence}", markup=False)
+            console.print(f"  {item.rank}. {item.evidence}")
     if found.recommended:
         wanted = ",".join(effect_text(choice) for choice in found.recommended)
-        console.print(f"To add what is missing: dynident extend … --effects '{wanted}'", markup=False, soft_wrap=True)
+        console.print(f"To add what is missing: dynident extend … --effects '{wanted}'", soft_wrap=True)
     for pattern in found.unknown:
         console.print(
-            f"  {pattern.joint} still depends on {pattern.variable.replace('_', ' ')} ({percent(pattern.share, 2)})",
-            markup=False,
+            f"  {pattern.joint} still depends on {pattern.variable.replace('_', ' ')} ({percent(pattern.share, 2)})"
         )
     if found.not_visible:
-        console.print(f"  This data could not have shown: {hidden_text(found, robot)}", markup=False)
+        console.print(f"  This data could not have shown: {hidden_text(found, robot)}")
     if found.next_experiment is not None:
-        console.print(f"  Next experiment: {found.next_experiment.reason}", markup=False)
+        console.print(f"  Next experiment: {found.next_experiment.reason}")
         for step in found.next_experiment.instructions:
-            console.print(f"    - {step}", markup=False)
+            console.print(f"    - {step}")
 
 
 def show_changes(console: Console, found: Diagnosis, robot: Robot) -> None:
     """What differs from the baseline, and what both lack."""
-    console.print(found.summary, markup=False, style="bold")
+    console.print(found.summary, style="bold")
     rows = [list(row) for one in found.changes or () for row in change_rows(one, robot)]
     if rows:
         console.print(table("Changes since the baseline", COLUMNS, rows, right_from=3))
@@ -188,14 +185,14 @@ def show_changes(console: Console, found: Diagnosis, robot: Robot) -> None:
         console.print(table("Friction of each joint", FRICTION_COLUMNS, friction, right_from=1))
     if found.recommended:
         both = "; ".join(choice_text(choice, robot) for choice in found.recommended)
-        console.print(f"  Missing in the model before and after: {both}", markup=False)
+        console.print(f"  Missing in the model before and after: {both}")
     if found.not_visible:
-        console.print(f"  These motions could not have shown: {hidden_text(found, robot)}", markup=False)
+        console.print(f"  These motions could not have shown: {hidden_text(found, robot)}")
 
 
 def _show_evidence(console: Console, one: Change) -> None:
     doubt = f" This data cannot tell it from: {', '.join(one.equivalent)}." if one.equivalent else ""
-    console.print(f"  {one.evidence}{doubt}", markup=False)
+    console.print(f"  {one.evidence}{doubt}")
 
 
 def choice_text(choice: EffectChoice, robot: Robot) -> str:
@@ -259,13 +256,13 @@ def _shapes_table(found: Identification) -> object:
 def show_verdict(console: Console, found: ModelVerdict) -> None:
     """What the model is fit for, why not, and what to do next."""
     if found.stop is not None:
-        console.print(f"✕ {found.summary}", markup=False, style="bold red")
+        console.print(f"✕ {found.summary}", style="bold red")
     else:
         for one in found.uses:
             mark, style = ("✓", "green") if one.fit else ("✕", "yellow")
-            console.print(f"{mark} {one.use.replace('_', ' ')}: {one.reason}", markup=False, style=style)
+            console.print(f"{mark} {one.use.replace('_', ' ')}: {one.reason}", style=style)
     for step in found.next_steps:
-        console.print(f"→ {step}", markup=False)
+        console.print(f"→ {step}")
 
 
 def show_ladder(console: Console, found: Identification) -> None:
@@ -283,7 +280,7 @@ def show_ladder(console: Console, found: Identification) -> None:
     columns = ("model", "change", "fit", "held out", "moving", "")
     console.print(table("Ladder of models", columns, rows, right_from=2))
     if (told := best_rung_text(best, len(models))) != "":
-        console.print(f"  {told}", markup=False)
+        console.print(f"  {told}")
 
 
 def show_ladders(console: Console, one: tuple[str, Identification], other: tuple[str, Identification]) -> None:
@@ -319,7 +316,7 @@ def _total(model: Identification, held_out: bool) -> float:
 
 def show_series(console: Console, found: Series, robot: Robot) -> None:
     """What changed and when, and the course of what did; of all else the file has it."""
-    console.print(found.summary, markup=False, style="bold")
+    console.print(found.summary, style="bold")
     rows = [[when(one, found.days), *row] for one in found.changes for row in change_rows(one.change, robot)]
     if rows:
         console.print(table("Changes", ("from", *COLUMNS), rows, right_from=4))
@@ -333,7 +330,7 @@ def show_series(console: Console, found: Series, robot: Robot) -> None:
         _show_evidence(console, one.change)
     if found.missing:
         both = "; ".join(choice_text(choice, robot) for choice in found.missing)
-        console.print(f"  Missing in the model on all days: {both}", markup=False)
+        console.print(f"  Missing in the model on all days: {both}")
 
 
 def when(one: SeriesChange, days: Sequence[str]) -> str:

@@ -43,7 +43,7 @@ def say(as_json: bool, described: Described, show: Show, *written: str) -> None:
     console = terminal.out()
     show(console)
     for line in written:
-        console.print(line, markup=False)
+        console.print(line)
 
 
 def tell_rung(result: Result, found: Identification, parent_id: str, parent: Identification) -> None:

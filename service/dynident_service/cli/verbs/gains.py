@@ -83,7 +83,7 @@ def _show(console: Console, found: Gains, loads: Sequence[tuple[str, PayloadEsti
     ]
     console.print(terminal.table("", ("joint", "stated", "gain", "± 95 %", "identifiable"), rows))
     said = ",".join(f"{value:.4g}" for value in found.values)
-    console.print(f"To identify with them: --drive-gains {said}", markup=False, soft_wrap=True)
+    console.print(f"To identify with them: --drive-gains {said}", soft_wrap=True)
     if loads:
         weighed = [
             [name, *estimate(load.mass, 1.96 * load.standard_deviation), "yes" if load.identifiable else "no"]
@@ -91,4 +91,4 @@ def _show(console: Console, found: Gains, loads: Sequence[tuple[str, PayloadEsti
         ]
         console.print(terminal.table("", ("load", "kg", "± 95 %", "shows at all"), weighed))
     for warning in found.warnings:
-        console.print(f"! {warning}", markup=False)
+        console.print(f"! {warning}")

@@ -65,16 +65,16 @@ def _document(found: Inspection) -> dict[str, Any]:
 def _show(console: Console, found: Inspection) -> None:
     from dynident_service.cli import terminal
 
-    console.print(f"{found.format}, {len(found.columns)} columns, {found.n_rows_seen} rows looked at", markup=False)
+    console.print(f"{found.format}, {len(found.columns)} columns, {found.n_rows_seen} rows looked at")
     if found.proposal is None:
-        console.print(", ".join(found.columns), markup=False, soft_wrap=True)
-        console.print("Say whose recording it is, --robot ROBOT, to have the columns told.", markup=False)
+        console.print(", ".join(found.columns), soft_wrap=True)
+        console.print("Say whose recording it is, --robot ROBOT, to have the columns told.")
         return
     rows = [[one.field, one.value, f"{one.confidence:.0%}", one.reason] for one in found.proposal.guesses]
     table = terminal.table("", ("field", "guess", "sure", "why"), rows, right_from=4)
     console.print(table)
     for one in found.proposal.questions:
         choices = f" ({', '.join(one.choices[:8])})" if one.choices else ""
-        console.print(f"? {one.field}: {one.detail}{choices}", markup=False, soft_wrap=True)
+        console.print(f"? {one.field}: {one.detail}{choices}", soft_wrap=True)
     if not found.proposal.questions:
-        console.print("Nothing is to be answered: identify with --as-proposed.", markup=False)
+        console.print("Nothing is to be answered: identify with --as-proposed.")
