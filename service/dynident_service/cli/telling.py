@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from dynident.identification import Identification, to_bytes
 from dynident_service.cli import terminal
 from dynident_service.cli.files import write_whole
 from dynident_service.cli.options import Result
-from dynident_service.cli.shown import show_identification, show_ladder
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
+
+    from dynident.identification import Identification
 
 Document = Mapping[str, object]
 Described = Callable[[], "BaseModel | Document"]
@@ -48,6 +48,8 @@ def say(as_json: bool, described: Described, show: Show, *written: str) -> None:
 
 def tell_rung(result: Result, found: Identification, parent_id: str, parent: Identification) -> None:
     """The same of a model that was made from another one."""
+    from dynident.identification import to_bytes
+    from dynident_service.cli.shown import show_identification, show_ladder
 
     def described() -> BaseModel:
         from dynident_service.adapters.identifications import describe_identification

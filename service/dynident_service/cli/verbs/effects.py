@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from dynident_service.cli.options import Json
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
 
 def effects(as_json: Json = False) -> None:
     """List the effects that models are made of."""
     from dynident.effects import CATALOGUE
-    from dynident_service.adapters.catalogue import catalogue
     from dynident_service.cli import telling, terminal
 
     rows = [
@@ -22,4 +26,10 @@ def effects(as_json: Json = False) -> None:
     ]
     columns = ("effect", "what it is", "parameters", "what it leaves in the residual")
     table = terminal.table("", columns, rows, right_from=len(columns))
-    telling.say(as_json, catalogue, lambda console: console.print(table))
+
+    def described() -> BaseModel:
+        from dynident_service.adapters.catalogue import catalogue
+
+        return catalogue()
+
+    telling.say(as_json, described, lambda console: console.print(table))
