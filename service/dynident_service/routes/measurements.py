@@ -178,7 +178,7 @@ class Received:
         """Where the recording is to be written."""
         return self.folder / "recording.parquet"
 
-    def to_import(self) -> dict[str, Any]:
+    def to_import(self) -> dict[str, object]:
         """Give what the import is told."""
         return {
             "source": str(self.source),

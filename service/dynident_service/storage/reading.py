@@ -62,9 +62,10 @@ def complete(connection: Connection, rows: Sequence[Row[object]]) -> tuple[Resou
     return tuple(as_resource(row, needs[one], objects[one]) for one, row in by_id.items())
 
 
-def as_resource(row: Sequence[Any], needs: Iterable[tuple[str, str]], objects: dict[str, Owned]) -> Resource:
+def as_resource(row: Sequence[object], needs: Iterable[tuple[str, str]], objects: dict[str, Owned]) -> Resource:
     """A resource as its row of `WITH_JOBS` says, with what it rests on and owns."""
-    own, job = dict(zip(OF_RESOURCES, row, strict=False)), row[len(OF_RESOURCES) :]
+    values: Sequence[Any] = row
+    own, job = dict(zip(OF_RESOURCES, values, strict=False)), values[len(OF_RESOURCES) :]
     return Resource(
         **{**own, "tags": tuple(own["tags"] or ()), "archived": bool(own["archived"])},
         rests_on=tuple(sorted(needs)),
