@@ -13,9 +13,8 @@ from pathlib import Path
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
 from dynident_service.storage.doctor import CURABLE, examine
-from dynident_service.storage.imports import KEPT, forget_imports
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.retention import forget
+from dynident_service.storage.retention import KEPT, forget, forget_imports
 from dynident_service.storage.tombstones import sweep
 
 EVERY = 60.0

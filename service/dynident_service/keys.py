@@ -102,11 +102,6 @@ class KeyRing:
         with self._database.read() as session:
             return session.scalar(select(KeyRow.sha256).limit(1)) is None
 
-    def knows(self, key: str) -> bool:
-        """Tell whether a key is known, and its time is not over."""
-        holder = self.holder_of(key)
-        return holder is not None and not holder.is_expired
-
     def holder_of(self, key: str) -> Holder | None:
         """Give who uses a key, and note from time to time that it is used; `None` where it is not known."""
         hashed = hash_of(key)

@@ -93,8 +93,10 @@ def unusable(detail: str, pointer: str, *, title: str = "Unusable input") -> Pro
     return ProblemError(422, detail, title=title, errors=[ProblemField(pointer=pointer, detail=detail)])
 
 
-def problem_of(error: DynidentError) -> Problem:
-    """Turn an error that the user can mend into a problem."""
+def problem_of(error: DynidentError | ProblemError) -> Problem:
+    """Turn an error that the user can mend into a problem, if it is none yet."""
+    if isinstance(error, ProblemError):
+        return error.problem
     fields = [ProblemField(pointer=error.pointer, detail=error.detail)]
     return make_problem(422, error.detail, title=error.title, errors=fields)
 

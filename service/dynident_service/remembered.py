@@ -1,4 +1,4 @@
-"""What was computed for a request and never changes, so that the next one has it at once."""
+"""What was made for a request or a job and never changes, so that the next one has it at once."""
 
 from __future__ import annotations
 

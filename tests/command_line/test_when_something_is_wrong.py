@@ -15,6 +15,8 @@ import pyarrow.csv as pacsv
 import pytest
 from running_commands import ROBOT, dynident
 
+from dynident_service.cli import terminal
+
 JOINTS = ROBOT.joint_names
 
 
@@ -274,3 +276,8 @@ def test_a_running_optimisation_is_interrupted_at_once(tmp_path: Path) -> None:
     assert b"cancelled" in told
     assert b"Traceback" not in told
     assert not list(tmp_path.iterdir())
+
+
+def test_names_with_square_brackets_stand_in_tables_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    terminal.out().print(terminal.table("of [green]", ("joint",), [["[red]elbow"]]))
+    assert {"of [green]", "[red]elbow"} <= {line.strip() for line in capsys.readouterr().out.splitlines()}

@@ -67,7 +67,7 @@ def stored(
 ) -> Iterator[str]:
     path = write_comparison(comparison(temperature=temperature), folder / "signals.parquet")
     change(path)
-    kept = services.objects.put_path(path)
+    kept = services.objects.put_bytes(path.read_bytes())
     signals = Owned("signals", kept.key, kept.size, "application/vnd.apache.parquet")
     made = services.resources.create(NewResource("comparison", {}, objects=(signals,)))
     yield f"/v1/comparisons/{made.id}"

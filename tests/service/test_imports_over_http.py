@@ -12,7 +12,7 @@ import pytest
 from fastapi.testclient import TestClient
 from test_uploads import sound
 
-from dynident_service.storage.imports import forget_imports
+from dynident_service.storage.retention import forget_imports
 
 
 def foreign(decimal: str = ",") -> bytes:

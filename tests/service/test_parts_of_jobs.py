@@ -36,7 +36,7 @@ def test_a_recording_goes_as_the_key_of_its_file_and_is_opened_in_the_store_of_w
     source.write_bytes(as_csv(sound()))
     import_for_robot(robot_from_modified_dh("arm", json.dumps(TWO_JOINTS)), source, file, RecordingMetadata())
     here, there = (ObjectStore((tmp_path / name).as_uri(), tmp_path / "cache") for name in ("here", "there"))
-    stored = here.path(here.put_path(file).key)
+    stored = here.path(here.put_bytes(file.read_bytes()).key)
     recording = open_recording(stored).with_windows(((1.0, 4.0),))
     content = packed(recording, here)
     assert len(content) < 2_000
@@ -49,7 +49,7 @@ def test_a_recording_goes_as_the_key_of_its_file_and_is_opened_in_the_store_of_w
     assert isinstance(found.source, ParquetSource)
     rows = [next(iter(one.source.rows(0, 100, 100))) for one in (recording, found)]
     np.testing.assert_array_equal(rows[0].q, rows[1].q)
-    there.put_path(file)
+    there.put_bytes(file.read_bytes())
     elsewhere = unpacked(content, there)
     assert isinstance(elsewhere, Recording)
     assert elsewhere.path == there.path(stored.name)

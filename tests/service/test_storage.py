@@ -46,7 +46,7 @@ def test_deleting_an_object_twice_does_no_harm(objects: ObjectStore) -> None:
     key = objects.put_bytes(b"abc").key
     objects.delete(key)
     objects.delete(key)
-    assert not objects.exists(key)
+    assert objects.size(key) is None
     with pytest.raises(ProblemError, match="missing"):
         objects.path(key)
 

@@ -87,7 +87,9 @@ def finite(value: float) -> float | None:
 
 def numbers(values: FloatArray) -> list[float | None]:
     """Give an array (n,) as JSON numbers."""
-    return [finite(value) for value in values.tolist()]
+    # Long signals are numbers throughout.
+    found: list[float | None] = values.tolist()
+    return found if np.isfinite(values).all() else [finite(value) for value in values.tolist()]
 
 
 def _at(one: FieldInfo) -> common.At:

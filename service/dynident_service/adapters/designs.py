@@ -1,8 +1,8 @@
-"""Designs of experiments between the contract and the science."""
+"""Designs of experiments between the contract and the science, and back where they are stored."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,9 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
 from dynident.effects.catalogue import check_shape, joints_of
-from dynident.excitation import CriterionChoice, Design, DesignRequest, TrajectoryRequest, design_table
+from dynident.excitation import CriterionChoice, CriterionValues, Design, DesignRequest, TrajectoryRequest, design_table
 from dynident.excitation.checks import check_request
+from dynident.excitation.criteria.baseline import Baseline
 from dynident.excitation.formats.ros2 import joint_trajectory
 from dynident.excitation.nearness import nearest_along
 from dynident.identification.shapes.shapes import check_choices
@@ -20,7 +21,7 @@ from dynident.motion.surroundings.contacts import Nearest
 from dynident.recordings.arrow import as_floats
 from dynident.robot import Robot
 from dynident.simulation import Reference
-from dynident_service.adapters.answers import shown
+from dynident_service.adapters.answers import known, shown
 from dynident_service.adapters.derived import body, taken
 from dynident_service.models import designs as wire
 
@@ -135,3 +136,20 @@ def _link_clearances(found: Nearest) -> wire.LinkClearances:
 def reference_of_design(found: Design) -> Reference:
     """Give the motion of a design."""
     return Reference(found.t, found.q, found.dq, found.ddq)
+
+
+def design_of(request: Mapping[str, object], result: Mapping[str, object], trajectory: Path) -> Design:
+    """Take a stored design: its request, its result, and the file of its trajectory."""
+    asked, told = wire.DesignRequest.model_validate(request), wire.DesignResult.model_validate(result)
+    motion = stored_reference(trajectory, told.joints)
+    baseline = told.baseline_values
+    return known(
+        Design,
+        told,
+        request=design_request(asked),
+        t=motion.t,
+        q=motion.q,
+        dq=motion.dq,
+        ddq=motion.ddq,
+        baseline=None if baseline is None else known(Baseline, baseline, best=known(CriterionValues, baseline)),
+    )

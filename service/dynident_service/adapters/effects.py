@@ -1,17 +1,11 @@
-"""The catalogue of effects between the contract and the science."""
+"""Chosen effects between the contract and the science."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-from dynident.effects import CATALOGUE, Effect, EffectChoice
+from dynident.effects import EffectChoice
 from dynident_service.models import common
-from dynident_service.models import effects as wire
-
-
-def catalogue() -> wire.Catalogue:
-    """Show all effects."""
-    return wire.Catalogue(items=[_effect(effect) for effect in CATALOGUE.values()])
 
 
 def choice_of(asked: common.EffectChoice) -> EffectChoice:
@@ -32,35 +26,4 @@ def show_choice(choice: EffectChoice) -> common.EffectChoice:
         joints=list(choice.joints),
         shape_parameters=dict(choice.shape),
         runs=list(choice.runs),
-    )
-
-
-def _effect(effect: Effect) -> wire.EffectView:
-    return wire.EffectView(
-        id=effect.id,
-        title=effect.title,
-        formula=effect.formula,
-        parameters=[
-            wire.EffectParameter(
-                name=one.name,
-                unit=one.unit,
-                prismatic_unit=one.unit_on("prismatic"),
-                description=one.description,
-            )
-            for one in effect.parameters
-        ],
-        shape_parameters=[
-            wire.ShapeParameter(
-                name=one.name,
-                unit=one.unit,
-                description=one.description,
-                default=one.default,
-                words=[wire.ShapeWord(value=value, word=word) for value, word in one.words],
-            )
-            for one in effect.shapes
-        ],
-        signature=effect.signature,
-        sources=list(effect.sources),
-        confused_with=list(effect.confused_with),
-        scope=effect.scope,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from dynident.identification import Identification, IdentificationChoices
 from dynident.identification.equations.data import motions_and_friction
@@ -14,7 +14,6 @@ from dynident.robot import Robot
 from dynident_service.adapters.answers import show_errors, shown
 from dynident_service.adapters.derived import taken
 from dynident_service.models import identifications as wire
-from dynident_service.models.common import EffectChoice as WireEffect
 
 
 def choices_from_request(
@@ -68,11 +67,6 @@ def _between(parent: Identification, found: Identification) -> list[Identificati
 
 def _step(found: Identification) -> wire.StepView:
     return shown(wire.StepView, found, residual=show_fit(found))
-
-
-def effects_in(request: Mapping[str, object]) -> list[WireEffect]:
-    """Take the effects out of a stored request."""
-    return wire.IdentificationRequest.model_validate(request).effects
 
 
 def _preprocessing(request: wire.IdentificationRequest, recordings: Sequence[Recording]) -> Preprocessing:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import zip_longest
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from dynident_service.adapters.answers import shown
 from dynident_service.adapters.identifications import show_fit
 from dynident_service.models.common import EffectChoice
 from dynident_service.models.identifications import ErrorsView, IdentificationView, Lineage, Rung, RungDifference
+
+T = TypeVar("T", int, float)
 
 
 def rungs_of_views(views: Sequence[IdentificationView]) -> list[Rung]:
@@ -95,14 +98,12 @@ def beside(own: Sequence[Rung], other: Sequence[Rung], same_data: bool) -> Linea
 def _difference(number: int, own: Rung | None, other: Rung | None) -> RungDifference:
     fit = (own.residual if own else None, other.residual if other else None)
     tried = (own.validation if own else None, other.validation if other else None)
-    more = None
-    if own is not None and other is not None and own.n_parameters is not None and other.n_parameters is not None:
-        more = own.n_parameters - other.n_parameters
+    counts = (own.n_parameters if own else None, other.n_parameters if other else None)
     return RungDifference(
         rung=number,
         id=own.id if own else None,
         against_id=other.id if other else None,
-        n_parameters=more,
+        n_parameters=_minus(*counts),
         residual=_per_joint(*fit),
         residual_total=_total(*fit),
         validation=_per_joint(*tried),
@@ -120,7 +121,7 @@ def _total(own: ErrorsView | None, other: ErrorsView | None) -> float | None:
     return None if own is None or other is None else _minus(own.relative_total, other.relative_total)
 
 
-def _minus(a: float | None, b: float | None) -> float | None:
+def _minus(a: T | None, b: T | None) -> T | None:
     return None if a is None or b is None else a - b
 
 

@@ -6,17 +6,15 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
 from dynident.arrays import FloatArray
 from dynident.identification.robot_recordings import recorded_joints
 from dynident.recordings import Recording
 from dynident.recordings.as_recorded import AsRecorded, FileOfRobot
 from dynident.recordings.phases import phases_of
 from dynident.robot import Robot
+from dynident_service.adapters.answers import numbers
 from dynident_service.adapters.revisions import metadata_of
-from dynident_service.models.measurements import MeasurementMetadata
-from dynident_service.models.raw_signals import RawSignals, Standstills, StandstillsOfJoint
+from dynident_service.models.measurements import MeasurementMetadata, RawSignals, Standstills, StandstillsOfJoint
 
 
 def as_recorded(path: Path, robot: Robot, said: MeasurementMetadata, wanted: list[str]) -> AsRecorded:
@@ -29,8 +27,8 @@ def thinned(found: AsRecorded, points: int, start: float | None, end: float | No
     total, rows = found.thinned(points, start, end)
     return RawSignals(
         units=found.units,
-        t=_numbers(rows.t),
-        signals={name: _numbers(rows.values[:, k]) for k, name in enumerate(found.names)},
+        t=numbers(rows.t),
+        signals={name: numbers(rows.values[:, k]) for k, name in enumerate(found.names)},
         n_samples=total,
     )
 
@@ -70,11 +68,5 @@ def standstills(recording: Recording) -> Standstills:
 
 
 def _part(values: FloatArray, *, first: bool) -> bytes:
-    text = json.dumps(_numbers(values))[1:-1]
+    text = json.dumps(numbers(values))[1:-1]
     return (text if first else f", {text}").encode()
-
-
-def _numbers(values: FloatArray) -> list[float | None]:
-    if np.isfinite(values).all():
-        return [float(value) for value in values]
-    return [float(value) if np.isfinite(value) else None for value in values]

@@ -17,7 +17,8 @@ from dynident.reports.numbers import number, percent
 from dynident.robot import Limits
 from dynident.robot.collision import UNCHECKED
 from dynident_service.adapters.derived import taken
-from dynident_service.cli.inputs import document_of, stored_diagnosis
+from dynident_service.cli.files import document_of
+from dynident_service.cli.inputs import stored_diagnosis
 from dynident_service.cli.terminal import table
 from dynident_service.models.derived import body_of
 from dynident_service.models.robots import Limits as WireLimits
@@ -58,7 +59,7 @@ def warn_of_unchecked(console: Console, found: Design) -> None:
     """Say in plain sight which links no collision was checked for."""
     for note in found.notes:
         if note.startswith(UNCHECKED):
-            console.print(f"warning: {note}", markup=False, style="bold yellow")
+            console.print(f"warning: {note}", style="bold yellow")
 
 
 def _validated(fields: TypeAdapter[Wanted], path: Path, title: str) -> Wanted:
@@ -108,5 +109,5 @@ def show_design(console: Console, found: Design) -> None:
         )
     for note in found.notes:
         if not note.startswith(UNCHECKED):
-            console.print(f"  {note}", markup=False, style="dim")
+            console.print(f"  {note}", style="dim")
     console.print(f"{found.n_samples} samples at {found.sampling_rate:g} Hz, {found.duration:.1f} s from rest to rest")

@@ -1,8 +1,10 @@
-"""Files that a command reads: looked for before anything is loaded that takes time."""
+"""Files that a command reads, looked for before anything is loaded that takes time; and those that it writes, whole."""
 
 from __future__ import annotations
 
+import json
 import os
+import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -42,6 +44,44 @@ def check_readable(path: Path) -> None:
         raise DynidentError(f"there is no file {path}", pointer=str(path), title="No such file")
     if not os.access(path, os.R_OK):
         raise DynidentError(f"{path} may not be read", pointer=str(path), title="Unreadable file")
+
+
+def document_of(path: Path) -> Mapping[str, object]:
+    """Read a JSON object."""
+    try:
+        document = json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise DynidentError(f"{path.name} is no JSON: {error}", pointer=str(path)) from error
+    if not isinstance(document, dict):
+        raise DynidentError(f"{path.name} holds no JSON object", pointer=str(path))
+    return document
+
+
+def read_text(path: Path) -> str:
+    """Read a text file."""
+    check_readable(path)
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise DynidentError(f"{path.name} is no text: {error}", pointer=str(path)) from error
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file so that it is there whole, or not at all."""
+    if not path.parent.is_dir():
+        raise DynidentError(f"there is no folder {path.parent}", pointer="--out", title="No such folder")
+    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as unfinished:
+        temporary = Path(unfinished.name)
+    try:
+        temporary.write_bytes(content)
+        # Temporary files are private; this one is the user's, with the usual permissions.
+        mask = os.umask(0)
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
 
 
 def check_folder(path: Path) -> None:

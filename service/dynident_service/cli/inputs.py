@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
-import os
 import re
 import tempfile
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,9 +23,10 @@ from dynident.recordings import Check, Recording, RecordingError, RecordingMetad
 from dynident.recordings.names import unique_names
 from dynident.robot import Robot
 from dynident_service.cli import parsing
-from dynident_service.cli.files import check_readable, check_robot
+from dynident_service.cli.files import check_readable, check_robot, document_of
 from dynident_service.cli.metadata import as_proposed, read_metadata
 from dynident_service.cli.options import Beside, Reading
+from dynident_service.cli.terminal import progress_bar
 
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.
@@ -156,6 +155,44 @@ def recordings_of(measurements: Sequence[Loaded]) -> list[Recording]:
     return [item.recording for item in measurements]
 
 
+@dataclass(frozen=True, eq=False)
+class Read:
+    """The measurements of a command and those beside them, and what is left of its progress bar."""
+
+    given: list[Loaded]
+    others: list[Loaded]
+    progress: Progress
+
+    @property
+    def recordings(self) -> list[Recording]:
+        """The measurements' recordings."""
+        return recordings_of(self.given)
+
+    @property
+    def other_recordings(self) -> list[Recording]:
+        """Those of the ones beside them."""
+        return recordings_of(self.others)
+
+
+@contextmanager
+def read(
+    title: str,
+    paths: Sequence[Path],
+    robot: Robot,
+    reading: Reading,
+    others: Sequence[Path] = (),
+    friction: Collection[Path] = (),
+    *,
+    share: float = 0.5,
+) -> Iterator[Read]:
+    """Check measurement files as `loaded` does, behind a progress bar of which that takes a share."""
+    with (
+        progress_bar(title) as progress,
+        loaded(paths, robot, reading, part(progress, 0.0, share), others, friction) as (given, beside),
+    ):
+        yield Read(given, beside, part(progress, share, 1.0))
+
+
 def effects_of(given: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:
     """The effects that were asked for, checked against the robot."""
     choices = named_effects(given)
@@ -191,41 +228,3 @@ def stored_diagnosis(path: Path) -> AdvisedDiagnosis:
         raise DynidentError(
             f"{path.name} is no diagnosis: {first['msg']} at {'/'.join(map(str, first['loc']))}", pointer=str(path)
         ) from error
-
-
-def document_of(path: Path) -> Mapping[str, object]:
-    """Read a JSON object."""
-    try:
-        document = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
-        raise DynidentError(f"this is no JSON: {error}", pointer=str(path)) from error
-    if not isinstance(document, dict):
-        raise DynidentError(f"{path.name} holds no JSON object", pointer=str(path))
-    return document
-
-
-def read_text(path: Path) -> str:
-    """Read a text file."""
-    check_readable(path)
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise DynidentError(f"{path.name} is no text: {error}", pointer=str(path)) from error
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole, or not at all."""
-    if not path.parent.is_dir():
-        raise DynidentError(f"there is no folder {path.parent}", pointer="--out", title="No such folder")
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as unfinished:
-        temporary = Path(unfinished.name)
-    try:
-        temporary.write_bytes(content)
-        # Temporary files are private; this one is the user's, with the usual permissions.
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise

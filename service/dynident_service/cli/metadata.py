@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 from dynident.errors import DynidentError
 from dynident.identification.imports import EffortKind, Inspection
 from dynident.recordings import RecordingMetadata
-from dynident_service.cli.files import check_readable
+from dynident_service.cli.files import document_of
 
 NEEDED_FOR_GAINS = "drives"
 _BESIDE = ("questions", "name", "format")
@@ -82,16 +81,13 @@ def _read(path: Path) -> RecordingMetadata:
     from dynident_service.adapters.revisions import metadata_of
     from dynident_service.models.measurements import MeasurementMetadata
 
-    check_readable(path)
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise DynidentError(f"{path.name} is no JSON: {error}", pointer=str(path)) from error
+    document = document_of(path)
     known = [one.name for one in fields(RecordingMetadata) if one.name not in _ELSEWHERE]
-    if not isinstance(document, dict) or not set(document) <= {*known, *_BESIDE}:
+    if not set(document) <= {*known, *_BESIDE}:
         allowed = ", ".join((*known, *_BESIDE))
         raise DynidentError(f"{path.name} is no metadata: give an object of {allowed}", pointer=str(path))
-    asked = [one for one in document.get("questions") or () if one.get("field") != NEEDED_FOR_GAINS]
+    questions: Any = document.get("questions") or ()
+    asked = [one for one in questions if one.get("field") != NEEDED_FOR_GAINS]
     if asked:
         raise DynidentError(
             f"{path.name} holds an open question: {asked[0].get('detail', '')} Answer it and empty its questions.",

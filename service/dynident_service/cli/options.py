@@ -16,6 +16,18 @@ def several(*names: str, metavar: str, help: str) -> object:
     return typer.Option(*names, metavar=metavar, help=help, default_factory=list, show_default=False)
 
 
+def several_files(*names: str, help: str) -> object:
+    """An option that names a file, any number of times."""
+    return several(*names, metavar="FILE", help=help)
+
+
+def of_file(*names: str, help: str) -> object:
+    """An option that names a file, or several."""
+    return typer.Option(*names, metavar="FILE", help=help, show_default=False)
+
+
+SomeFile = Annotated[Path | None, TO_READ]
+SomeFiles = Annotated[list[Path] | None, TO_READ]
 RobotArgument = Annotated[
     str,
     typer.Argument(
@@ -44,75 +56,8 @@ Measurements = Annotated[
 ]
 Validation = Annotated[
     list[Path],
-    several("--validation", "-v", metavar="FILE", help="Measurement that no parameter sees; may be repeated."),
+    several_files("--validation", "-v", help="Measurement that no parameter sees; may be repeated."),
     TO_READ,
-]
-Columns = Annotated[
-    list[str],
-    several(
-        "--columns",
-        metavar="OURS=THEIRS,…",
-        help="Columns with other names: q1=shoulder,tau1=torque_a; or a JSON object.",
-    ),
-]
-Units = Annotated[
-    list[str],
-    several("--units", metavar="KIND=UNIT,…", help="Units other than SI: q=deg,tau=mN m."),
-]
-Windows = Annotated[
-    list[str],
-    several(
-        "--windows",
-        metavar="[NAME=]FROM:TO,…",
-        help="Seconds of t to use, of all files or of the one with that name (its file's, without the ending).",
-    ),
-]
-Metadata = Annotated[
-    list[str],
-    several(
-        "--metadata",
-        metavar="[NAME=]FILE",
-        help="What is said of all files, or of the one with that name, as `dynident inspect --out` or a report writes "
-        "it; may be repeated.",
-    ),
-]
-AsProposed = Annotated[
-    bool,
-    typer.Option("--as-proposed", help="Take the columns as `dynident inspect` proposes them, where nothing is asked."),
-]
-Accept = Annotated[
-    list[str],
-    several("--accept", metavar="CHECK", help="Treat the errors of this check as warnings; may be repeated."),
-]
-Cure = Annotated[
-    bool,
-    typer.Option("--cure", help="Read what would be refused as its checks propose, and say so: order, sign, unit, …."),
-]
-DriveGains = Annotated[
-    str,
-    typer.Option(
-        "--drive-gains",
-        metavar="G1,G2,…",
-        help="Drive gains [12.17] in N m per unit of current, one a joint, or joint=gain pairs.",
-    ),
-]
-
-Lock = Annotated[
-    str,
-    typer.Option(
-        "--lock",
-        metavar="JOINT[=POSITION],…",
-        help="Joints that do not move, or are in no recording (a gripper's), at these positions in rad (m); 0 where "
-        "none is said.",
-    ),
-]
-Gravity = Annotated[
-    str,
-    typer.Option(
-        "--gravity",
-        metavar="X,Y,Z",
-        help="Gravity in the base frame in m/s², where the base does not stand upright: 0,0,9.81 for a ceiling.",
-    ),
 ]
 
 
@@ -120,22 +65,82 @@ Gravity = Annotated[
 class Beside:
     """What a robot's description does not say."""
 
-    drive_gains: DriveGains = ""
-    lock: Lock = ""
-    gravity: Gravity = ""
+    drive_gains: Annotated[
+        str,
+        typer.Option(
+            "--drive-gains",
+            metavar="G1,G2,…",
+            help="Drive gains [12.17] in N m per unit of current, one a joint, or joint=gain pairs.",
+        ),
+    ] = ""
+    lock: Annotated[
+        str,
+        typer.Option(
+            "--lock",
+            metavar="JOINT[=POSITION],…",
+            help="Joints that do not move, or are in no recording (a gripper's), at these positions in rad (m); 0 "
+            "where none is said.",
+        ),
+    ] = ""
+    gravity: Annotated[
+        str,
+        typer.Option(
+            "--gravity",
+            metavar="X,Y,Z",
+            help="Gravity in the base frame in m/s², where the base does not stand upright: 0,0,9.81 for a ceiling.",
+        ),
+    ] = ""
 
 
 @dataclass(frozen=True)
 class Reading:
     """How measurement files are read."""
 
-    columns: Columns = field(default_factory=list)
-    units: Units = field(default_factory=list)
-    windows: Windows = field(default_factory=list)
-    accept: Accept = field(default_factory=list)
-    metadata: Metadata = field(default_factory=list)
-    as_proposed: AsProposed = False
-    cure: Cure = False
+    columns: Annotated[
+        list[str],
+        several(
+            "--columns",
+            metavar="OURS=THEIRS,…",
+            help="Columns with other names: q1=shoulder,tau1=torque_a; or a JSON object.",
+        ),
+    ] = field(default_factory=list)
+    units: Annotated[
+        list[str],
+        several("--units", metavar="KIND=UNIT,…", help="Units other than SI: q=deg,tau=mN m."),
+    ] = field(default_factory=list)
+    windows: Annotated[
+        list[str],
+        several(
+            "--windows",
+            metavar="[NAME=]FROM:TO,…",
+            help="Seconds of t to use, of all files or of the one with that name (its file's, without the ending).",
+        ),
+    ] = field(default_factory=list)
+    accept: Annotated[
+        list[str],
+        several("--accept", metavar="CHECK", help="Treat the errors of this check as warnings; may be repeated."),
+    ] = field(default_factory=list)
+    metadata: Annotated[
+        list[str],
+        several(
+            "--metadata",
+            metavar="[NAME=]FILE",
+            help="What is said of all files, or of the one with that name, as `dynident inspect --out` or a report "
+            "writes it; may be repeated.",
+        ),
+    ] = field(default_factory=list)
+    as_proposed: Annotated[
+        bool,
+        typer.Option(
+            "--as-proposed", help="Take the columns as `dynident inspect` proposes them, where nothing is asked."
+        ),
+    ] = False
+    cure: Annotated[
+        bool,
+        typer.Option(
+            "--cure", help="Read what would be refused as its checks propose, and say so: order, sign, unit, …."
+        ),
+    ] = False
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,9 @@ def show_validation(console: Console, found: ValidationResult, robot: Robot) -> 
         columns = [short.get(column, column) for column in one.columns]
         console.print(table(one.title, columns, [list(row) for row in one.rows], right_from=one.numbers_from))
         if columns != list(one.columns):
-            console.print(f"  Joints: {', '.join(f'{by_number[name]} {name}' for name in names)}.", markup=False)
+            console.print(f"  Joints: {', '.join(f'{by_number[name]} {name}' for name in names)}.")
     console.print(_MARKS[found.verdict], style=_STYLES[found.verdict])
-    console.print(found.reason, markup=False)
+    console.print(found.reason)
 
 
 def _width(shown: ReportedTable) -> int:

@@ -16,7 +16,7 @@ from dynident.errors import DynidentError
 from dynident.excitation import Design, design_table
 from dynident.excitation.formats.ros2 import joint_trajectory
 from dynident.recordings.phases import Phase
-from dynident_service.cli.inputs import write_whole
+from dynident_service.cli.files import write_whole
 
 ENDINGS = (".csv", ".parquet")
 TRAJECTORY_ENDINGS = (*ENDINGS, ".yaml")

@@ -4,55 +4,70 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from dynident.identification import Identification, to_bytes
 from dynident_service.cli import terminal
-from dynident_service.cli.inputs import write_whole
+from dynident_service.cli.files import write_whole
 from dynident_service.cli.options import Result
-from dynident_service.cli.shown import show_identification
-from dynident_service.cli.shown_ladders import show_ladder
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from dynident.identification import Identification
 
 Document = Mapping[str, object]
+Described = Callable[[], "BaseModel | Document"]
+Show = Callable[[Console], None]
 
 
 def tell(
-    result: Result,
-    what: str,
-    described: Callable[[], Document],
-    show: Callable[[Console], None],
-    content: Callable[[], bytes] | None = None,
+    result: Result, what: str, described: Described, show: Show, content: Callable[[], bytes] | None = None
 ) -> None:
     """Write what came out where it was asked for, its document where there is no `content`, and tell of it.
 
     Either is made where it is needed: what describes an answer takes longer to load than a small robot to
     identify.
     """
-    document = described() if result.as_json or (result.out is not None and content is None) else {}
+    document = _document(described()) if result.as_json or (result.out is not None and content is None) else {}
     if result.out is not None:
-        whole = content() if content else json.dumps(document, indent=1, allow_nan=False).encode()
-        write_whole(result.out, whole)
-    if result.as_json:
-        terminal.print_json(document)
+        write_whole(result.out, content() if content else json.dumps(document, indent=1, allow_nan=False).encode())
+    written = () if result.out is None else (f"{what} written to {result.out}",)
+    say(result.as_json, lambda: document, show, *written)
+
+
+def say(as_json: bool, described: Described, show: Show, *written: str) -> None:
+    """Tell of what came out: its document for scripts; for people in words, and then what was written where."""
+    if as_json:
+        terminal.print_json(_document(described()))
         return
     console = terminal.out()
     show(console)
-    if result.out is not None:
-        console.print(f"{what} written to {result.out}", markup=False)
+    for line in written:
+        console.print(line)
 
 
 def tell_rung(result: Result, found: Identification, parent_id: str, parent: Identification) -> None:
     """The same of a model that was made from another one."""
+    from dynident.identification import to_bytes
+    from dynident_service.cli.shown import show_identification, show_ladder
 
-    def described() -> Document:
+    def described() -> BaseModel:
         from dynident_service.adapters.identifications import describe_identification
-        from dynident_service.models.common import plain
 
-        return plain(describe_identification(found, parent_id, parent))
+        return describe_identification(found, parent_id, parent)
 
     def show(console: Console) -> None:
         show_ladder(console, found)
         show_identification(console, found, parameters=False)
 
     tell(result, "model", described, show, lambda: to_bytes(found))
+
+
+def _document(described: BaseModel | Document) -> Document:
+    if isinstance(described, Mapping):
+        return described
+    from dynident_service.models.common import plain
+
+    return plain(described)

@@ -23,13 +23,13 @@ _WIDE = 120
 
 
 def out() -> Console:
-    """The console for results; where they go into a file or a pipe, lines may be longer."""
-    return Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else _WIDE)
+    """The console for results, names of users in them as they are; into a file or a pipe lines may be longer."""
+    return Console(file=sys.stdout, markup=False, highlight=False, width=None if sys.stdout.isatty() else _WIDE)
 
 
 def err() -> Console:
     """The console for everything else."""
-    return Console(file=sys.stderr, highlight=False)
+    return Console(file=sys.stderr, markup=False, highlight=False)
 
 
 def print_json(document: Mapping[str, object]) -> None:

@@ -1,19 +1,24 @@
-"""Validations of a model in a file, on measurements in files."""
+"""Validations of a model in a file, on measurements in files, and the methods that are compared, as they are typed."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
+from dynident.asking import Named
 from dynident.errors import DynidentError
 from dynident.identification import Identification
+from dynident.identification.choices import STEPS
+from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES
 from dynident.progress import Progress
 from dynident.recordings import Recording
+from dynident.validation import Method
 from dynident.validation.request import Methods, Trial, Tried
 from dynident_service.adapters.validations import describe
-from dynident_service.cli import inputs
+from dynident_service.cli.files import read_text
 from dynident_service.models.validations import ValidationResult
 
 _TITLE = "Unusable option"
@@ -28,7 +33,7 @@ def stored_validation(path: Path) -> ValidationResult:
         Where the file is not there or holds no validation.
     """
     try:
-        return ValidationResult.model_validate_json(inputs.read_text(path))
+        return ValidationResult.model_validate_json(read_text(path))
     except ValidationError as error:
         detail = f"{path.name} holds no validation; give what `dynident validate --out` wrote"
         raise DynidentError(detail, pointer="--validated", title="Unusable file") from error
@@ -61,3 +66,42 @@ def run(
     on, others = (held_out, recordings) if isinstance(trial, Methods) else (recordings, held_out)
     found = trial.judge(Tried(identification, on, others, progress))
     return describe(trial, found, [recording.name for recording in on])
+
+
+def methods_of(given: list[str]) -> tuple[Method, ...] | None:
+    """Methods as `model/strategy/estimator`, each left out or a word of its kind: `filtered`, `sequential/ols`, ….
+
+    Raises
+    ------
+    DynidentError
+        With the word that is none of these.
+    """
+    texts = [item.strip() for text in given for item in text.split(",") if item.strip()]
+    return tuple(_method(text) for text in texts) or None
+
+
+def _method(text: str) -> Method:
+    found: dict[str, Any] = {}
+    for word in text.split("/"):
+        kind = next((name for name, words in _KINDS.items() if word in words.names), None)
+        if kind is None or kind in found:
+            known = "; ".join(f"{name}: {', '.join(words.names)}" for name, words in _KINDS.items())
+            raise DynidentError(
+                f"cannot read {word!r} in {text!r}; write words of these kinds with / between, one of each at most "
+                f"({known})",
+                pointer="--methods",
+                title=_TITLE,
+            )
+        found[kind] = word
+    if "steps" in found:
+        found.setdefault("strategy", "sequential")
+    return Method(**found)
+
+
+_KINDS: dict[str, Named] = {
+    "model": MODELS,
+    "strategy": STRATEGIES,
+    "steps": STEPS,
+    "estimator": ESTIMATORS,
+    "prior": PRIORS,
+}

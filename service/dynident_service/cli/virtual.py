@@ -19,6 +19,7 @@ from dynident.excitation import DesignRequest, TrajectoryRequest, design_experim
 from dynident.progress import Progress
 from dynident.robot import Robot
 from dynident.simulation import ActingEffect, Reference
+from dynident_service.cli.files import check_readable
 
 _TITLE = "Unusable trajectory"
 _RANDOM = TrajectoryRequest(sampling_rate=200.0)
@@ -62,8 +63,7 @@ def reference_of(path: Path | None, robot: Robot, seed: int, progress: Progress)
 
 
 def _read(path: Path) -> pa.Table:
-    if not path.is_file():
-        raise DynidentError(f"there is no file {path}", pointer=str(path), title="No such file")
+    check_readable(path)
     try:
         return pq.read_table(path) if path.suffix == ".parquet" else pacsv.read_csv(path)
     except (pa.ArrowInvalid, OSError) as error:

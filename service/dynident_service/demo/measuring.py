@@ -18,7 +18,7 @@ from dynident.simulation import (
     VirtualRobot,
     measurement_table,
 )
-from dynident_service.cli.inputs import write_whole
+from dynident_service.cli.files import write_whole
 from dynident_service.cli.tables import write_table, write_trajectory
 from dynident_service.demo.scenario import Scenario
 

@@ -12,7 +12,7 @@ from dynident.effects import effect_by_id
 from dynident.errors import DynidentError
 from dynident.identification import to_bytes
 from dynident.progress import part
-from dynident_service.cli.inputs import write_whole
+from dynident_service.cli.files import write_whole
 from dynident_service.cli.terminal import progress_bar
 from dynident_service.demo import telling
 from dynident_service.demo.analysis import Analysis, analyse

@@ -25,14 +25,12 @@ def opening(console: Console, scenario: Scenario) -> None:
     """What will happen."""
     robot = scenario.robot
     _heading(console, "The robot")
-    _say(
-        console,
+    console.print(
         f"A virtual {robot.name} with {robot.n} joints. Its links are up to 10 % lighter or heavier than its "
         "description says, its friction and rotor inertias are drawn by lot"
         + (", and one more effect is hidden in it." if scenario.hidden is not None else "."),
     )
-    _say(
-        console,
+    console.print(
         "What is hidden is written to hidden.json and not read again before the end: identification and diagnosis "
         "are given the description and the recorded files alone.",
     )
@@ -50,8 +48,7 @@ def experiment(console: Console, runs: Sequence[MeasuredRun], seconds: float) ->
                      number(values.condition_number), best])  # fmt: skip
     columns = ("recording", "trajectory", "length", "samples", "condition number", "best random one")
     console.print(table("", columns, rows, right_from=2))
-    _say(
-        console,
+    console.print(
         f"Encoders of 2^19 counts, torque noise of 0.5 % of each joint's limit; {seconds:.1f} s to design and measure. "
         "run2.csv is slow; validation.csv, which is never fitted to, goes from point to point and dwells in each. "
         "All of every recording is used, standstill and all.",
@@ -63,23 +60,20 @@ def findings(console: Console, robot: Robot, found: Analysis) -> None:
     first = found.first
     _heading(console, "Identify")
     assert first.held_out is not None
-    _say(
-        console,
+    console.print(
         f"{first.model.n_parameters} base parameters: links, rotor inertia, Coulomb and viscous friction. Error "
         f"{percent(first.fit.relative_total)} in the fit, {percent(first.held_out.relative_total)} held out.",
     )
     _heading(console, "Compare")
     over = found.over_floor(first)
     worst = int(over.argmax())
-    _say(
-        console,
+    console.print(
         f"On held-out data {robot.joint_names[worst]} is worst: its residual is {over[worst]:.1f} times what the "
         "torque sensor's noise explains.",
     )
     spot = next((one for one in found.diagnosis.failure_map if one.joint == robot.joint_names[worst]), None)
     if spot is not None:
-        _say(
-            console,
+        console.print(
             f"It is largest over {spot.variable}, between {number(spot.low)} and {number(spot.high)} {spot.unit}: "
             f"{spot.ratio:.1f} times the joint's own.",
         )
@@ -95,12 +89,11 @@ def envelope(console: Console, scenario: Scenario, found: Analysis, named_right:
     hidden = scenario.hidden
     if hidden is None:
         answer = "and nothing was found" if named_right else "but something was found: a false alarm"
-        _say(console, f"Nothing was hidden, {answer}.", style="bold")
+        console.print(f"Nothing was hidden, {answer}.", style="bold")
         return
     where = f" on {hidden.joint}" if hidden.joint else ""
-    _say(console, f"Hidden: {effect_by_id(hidden.effect).title}{where}.", style="bold")
-    _say(
-        console,
+    console.print(f"Hidden: {effect_by_id(hidden.effect).title}{where}.", style="bold")
+    console.print(
         "It was named." if named_right else "It was not named.",
         style="bold green" if named_right else "bold red",
     )
@@ -125,32 +118,32 @@ def envelope(console: Console, scenario: Scenario, found: Analysis, named_right:
         console.print(table("", columns, rows, right_from=2))
     before = max(float(found.over_floor(found.first)[j]) for j in joints)
     if not named_right and before < _VISIBLE:
-        _say(console, "On these motions it leaves nothing above the sensors' noise, so nobody could have seen it.")
+        console.print("On these motions it leaves nothing above the sensors' noise, so nobody could have seen it.")
     after = max(float(found.over_floor(found.last)[j]) for j in joints)
-    _say(console, f"Held-out residual there: {before:.2f} times the noise floor before, {after:.2f} times after.")
+    console.print(f"Held-out residual there: {before:.2f} times the noise floor before, {after:.2f} times after.")
 
 
 def closing(console: Console, robot: Robot, runs: Sequence[MeasuredRun], folder: Path, seconds: float) -> None:
     """Where everything is, and how to do it again by hand."""
     _heading(console, "Files")
-    _say(console, f"{folder}/report.html tells all of this with figures; model.npz is the last model.")
+    console.print(f"{folder}/report.html tells all of this with figures; model.npz is the last model.")
     training = " ".join(str(run.path) for run in runs[:-1])
-    _say(console, "The same by hand, on the files alone:")
+    console.print("The same by hand, on the files alone:")
     for line in (
         f"dynident identify {robot.name} {training} -v {runs[-1].path} -o my_model.npz",
         f"dynident diagnose my_model.npz {training} -o my_diagnosis.json",
     ):
-        console.print(f"  {line}", markup=False, soft_wrap=True, style="cyan")
-    _say(console, f"Everything took {seconds:.1f} s.")
+        console.print(f"  {line}", soft_wrap=True, style="cyan")
+    console.print(f"Everything took {seconds:.1f} s.")
 
 
 def _candidates(console: Console, robot: Robot, found: Analysis) -> None:
     rows = candidate_rows(found.diagnosis.candidates[:_SHOWN_CANDIDATES], robot)
     console.print(table("", COLUMNS, rows, right_from=3))
-    _say(console, found.diagnosis.summary, style="bold")
+    console.print(found.diagnosis.summary, style="bold")
     for item in found.diagnosis.candidates:
         if item.significant and item.equivalent:
-            _say(console, f"This data cannot tell {item.effect} from {', '.join(item.equivalent)}.")
+            console.print(f"This data cannot tell {item.effect} from {', '.join(item.equivalent)}.")
 
 
 def _ladder(console: Console, robot: Robot, found: Analysis) -> None:
@@ -168,13 +161,9 @@ def _ladder(console: Console, robot: Robot, found: Analysis) -> None:
     columns = ("joint", "first model", *(f"+ {name}" for name in added), "noise floor")
     console.print(table(title, columns, rows))
     for index, choice in enumerate(found.diagnosis.recommended):
-        _say(console, f"{'+' if index == 0 else 'then +'} {choice_text(choice, robot)}")
+        console.print(f"{'+' if index == 0 else 'then +'} {choice_text(choice, robot)}")
 
 
 def _heading(console: Console, text: str) -> None:
     console.print()
-    console.print(text, markup=False, style="bold underline")
-
-
-def _say(console: Console, text: str, style: str = "") -> None:
-    console.print(text, markup=False, style=style or None)
+    console.print(text, style="bold underline")

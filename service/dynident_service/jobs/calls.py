@@ -48,10 +48,8 @@ def _answer(call: Call, peak_memory: int) -> Answer:
     module, _, name = call.function.partition(":")
     try:
         value = getattr(importlib.import_module(module), name)(**call.arguments)
-    except DynidentError as error:
+    except (DynidentError, ProblemError) as error:
         return Answer(peak_memory, problem=problem_of(error))
-    except ProblemError as error:
-        return Answer(peak_memory, problem=error.problem)
     except MemoryError:
         detail = "The request needs more memory than there is; send less at a time."
         return Answer(peak_memory, problem=make_problem(422, detail, title="Out of memory"))

@@ -116,10 +116,8 @@ class Workshop:
         except (LostClaim, Cancelled):
             log.info("job %s attempt %d: no longer wanted", claim.job_id, claim.attempt)
             return lambda ledger: ledger.stopped(claim)
-        except DynidentError as error:
+        except (DynidentError, ProblemError) as error:
             return _failing(claim, problem_of(error))
-        except ProblemError as error:
-            return _failing(claim, error.problem)
         except MemoryError:
             detail = "The computation needs more memory than there is; use less data or stronger decimation."
             return _failing(claim, make_problem(500, detail, title="Out of memory"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any
 
 from distributed import Client, fire_and_forget
@@ -68,7 +67,5 @@ class Cluster:
         scheduler: Any = self._client.scheduler
         return str(self._client.sync(scheduler.identity)["id"])
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._client.close(timeout=5)

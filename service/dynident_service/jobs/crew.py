@@ -8,7 +8,6 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
-from types import TracebackType
 
 from dynident_service.jobs.nursery import Nursery
 from dynident_service.jobs.pool import ChildPool
@@ -54,7 +53,5 @@ class Crew:
         finally:
             ended()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._pool.close()

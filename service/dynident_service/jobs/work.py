@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any, TypeVar
 
 from dynident.checkpoints import Checkpoints, NoCheckpoints
 from dynident.progress import Progress
+from dynident_service.remembered import Remembered
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.patience import patiently
 from dynident_service.storage.records import NewResource, Owned, Resource
@@ -46,11 +46,11 @@ class Memory:
     """Keeps the objects that were last made, for the next job of this process."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[tuple[str, str], object] = OrderedDict()
+        self._kept: Remembered[object] = Remembered(KEPT)
 
     def recall(self, kind: type[T], identifier: str, make: Callable[[], T]) -> T:
         """Give the object of an id, made anew if it is not remembered."""
-        found = self._kept.get((kind.__qualname__, identifier))
+        found = self._kept.get(f"{kind.__qualname__} {identifier}")
         if not isinstance(found, kind):
             found = make()
         self.keep(kind, identifier, found)
@@ -58,11 +58,7 @@ class Memory:
 
     def keep(self, kind: type[T], identifier: str, made: T) -> None:
         """Remember an object; those not asked for longest are forgotten."""
-        key = (kind.__qualname__, identifier)
-        self._kept[key] = made
-        self._kept.move_to_end(key)
-        while len(self._kept) > KEPT:
-            self._kept.popitem(last=False)
+        self._kept.keep(f"{kind.__qualname__} {identifier}", made)
 
 
 @dataclass(frozen=True)
@@ -89,8 +85,7 @@ class Task:
 
         A store that is full or away is waited for: what was computed is not computed again for that.
         """
-        stored = patiently(lambda: self.resources.put(content), PATIENCE)
-        return Owned(role, stored.key, stored.size, media_type)
+        return patiently(lambda: self.resources.put_as(role, content, media_type), PATIENCE)
 
 
 @dataclass(frozen=True)

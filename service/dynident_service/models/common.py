@@ -8,7 +8,7 @@ from datetime import datetime
 from math import nan
 from typing import Annotated, Any, Generic, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from dynident_service.problems import Problem
 from dynident_service.storage.records import State
@@ -37,6 +37,12 @@ class Asked(BaseModel):
     """A request, or a part of one: a field that nobody knows is an error, not ignored."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class Wanted(Asked):
+    """A request for something that may be given a name."""
+
+    name: Name | None = None
 
 
 class Queried(BaseModel):
@@ -92,3 +98,29 @@ def plain(model: BaseModel) -> dict[str, object]:
     """Give a model as it is stored: JSON values only, nothing that is not finite."""
     stored: dict[str, Any] = json.loads(model.model_dump_json())
     return stored
+
+
+Tag = Annotated[str, Field(min_length=1, max_length=60)]
+
+
+def _each_once(tags: list[str]) -> list[str]:
+    return list(dict.fromkeys(tags))
+
+
+class LabelsRequest(Asked):
+    """What is to change of a resource's labels; what is not given stays."""
+
+    name: Name | None = None
+    tags: Annotated[list[Tag], Field(max_length=50), AfterValidator(_each_once)] | None = Field(
+        default=None, description="All of them: they replace those that there are"
+    )
+    archived: bool | None = Field(
+        default=None, description="Lists leave out what is archived; all else works as before"
+    )
+
+
+class Labelled(Shown):
+    """A resource with labels."""
+
+    tags: list[str] = Field(default=[])
+    archived: bool = Field(default=False, description="Whether lists leave it out")

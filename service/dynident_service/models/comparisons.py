@@ -6,17 +6,16 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from dynident_service.models.common import Asked, At, Computed, Identifier, Name, Shown
+from dynident_service.models.common import At, Computed, Identifier, Shown, Wanted
 from dynident_service.models.identifications import ErrorFigures
 from dynident_service.models.measurements import PhasesView
 
 
-class ComparisonRequest(Asked):
+class ComparisonRequest(Wanted):
     """Which model is held against which measurement."""
 
     identification_id: Identifier
     measurement_id: Identifier
-    name: Name | None = None
 
 
 class WorstStretch(Shown):

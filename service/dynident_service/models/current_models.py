@@ -6,11 +6,11 @@ from typing import Annotated
 
 from pydantic import Field
 
-from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
+from dynident_service.models.common import At, Computed, EffectChoice, Identifier, Shown, Wanted
 from dynident_service.models.identifications import JUDGEMENTS
 
 
-class CurrentModelsRequest(Asked):
+class CurrentModelsRequest(Wanted):
     """Measurements whose currents are to be explained, of a robot whose drive gains nobody knows."""
 
     robot_id: Identifier = Field(
@@ -18,7 +18,6 @@ class CurrentModelsRequest(Asked):
     )
     measurement_ids: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
     validation_ids: list[Identifier] = Field(default=[], max_length=100)
-    name: Name | None = None
     effects: Annotated[list[EffectChoice], Field(min_length=1, max_length=200)] | None = Field(
         default=None,
         description="None that rests on the predicted torque, or has a constant to be searched for; links, rotors, dry "

@@ -10,7 +10,7 @@ from pydantic import Field
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.request import DesignRequest as Designed
 from dynident.excitation.request import TrajectoryRequest
-from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
+from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Shown, Wanted
 from dynident_service.models.derived import asks
 from dynident_service.models.geometry import Point
 
@@ -28,11 +28,10 @@ class Trajectory(Asked):
 
 
 @asks(Designed, or_null=("model",))
-class DesignRequest(Asked):
+class DesignRequest(Wanted):
     """An experiment wanted."""
 
     robot_id: Identifier
-    name: Name | None = None
     effects: list[EffectChoice] | None = None
     earlier_ids: list[Identifier] = Field(
         default=[], max_length=100, description="Measurements that the new experiment is to complement"

@@ -1,4 +1,4 @@
-"""Diagnoses on the wire."""
+"""Diagnoses, and series of days, on the wire."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from dynident.diagnosis.stated import DiagnosisChoices
-from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
+from dynident_service.models.common import At, Computed, EffectChoice, Identifier, Shown, Wanted
 from dynident_service.models.derived import asks
 
 
 @asks(DiagnosisChoices, or_null=("max_effects",))
-class DiagnosisRequest(Asked):
+class DiagnosisRequest(Wanted):
     """Which model is questioned, on which measurements."""
 
     identification_id: Identifier
@@ -23,7 +23,6 @@ class DiagnosisRequest(Asked):
     baseline_ids: list[Identifier] = Field(
         default=[], max_length=100, description="Earlier measurements of the same robot: what differs since is told."
     )
-    name: Name | None = None
 
 
 class Candidate(Shown):
@@ -184,3 +183,56 @@ class Evidence(Shown):
 
 class DiagnosisView(Computed[DiagnosisRequest, DiagnosisResult]):
     """A diagnosis."""
+
+
+class Day(Wanted):
+    """The measurements of one day; without a name that of the first of them."""
+
+    measurement_ids: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
+
+
+class SeriesRequest(Wanted):
+    """Which robot is followed over which days."""
+
+    identification_id: Identifier
+    days: list[Day] = Field(min_length=1, max_length=1000, description="In their order; two at least with those before")
+    continues: Identifier | None = Field(
+        default=None, description="A series of the same model whose days come first; they are not read again."
+    )
+
+
+class SeriesChange(Change):
+    """What differs from some day on; `runs` are the days that have it."""
+
+    since: str = Field(description="The first day that has it")
+    earliest: str = Field(description="From here on it would explain as much")
+    latest: str = Field(description="Up to here")
+
+
+class Course(Shown):
+    """One parameter day by day; null where the motion of that day does not determine it."""
+
+    parameter: str
+    effect: str
+    joint: str
+    unit: str
+    values: list[float | None]
+    lower: list[float | None] = Field(description="Ends of the intervals that hold the true value in 95 of 100 cases")
+    upper: list[float | None]
+    varies: bool = Field(
+        description="Of what a robot's days may differ in: all else is then known from the other days, too"
+    )
+
+
+class SeriesResult(Shown):
+    """What has changed over the days, since when, and the course of every parameter."""
+
+    summary: str
+    days: list[str]
+    changes: list[SeriesChange]
+    missing: list[EffectChoice] = Field(description="What the model lacks on all days")
+    courses: list[Course]
+
+
+class SeriesView(Computed[SeriesRequest, SeriesResult]):
+    """A series of days."""

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from dynident.identification.loads.known import KnownLoad
-from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
+from dynident_service.models.common import Computed, Identifier, Shown, Wanted
 from dynident_service.models.derived import asks
 from dynident_service.models.validations import DriveGainView
 
@@ -15,7 +15,7 @@ Measurements = Annotated[list[Identifier], Field(min_length=1, max_length=100)]
 
 
 @asks(KnownLoad)
-class DriveGainsRequest(Asked):
+class DriveGainsRequest(Wanted):
     """Runs of the same motion without and with a load of known mass, of a robot whose drive gains are in question."""
 
     robot_id: Identifier
@@ -27,7 +27,6 @@ class DriveGainsRequest(Asked):
     weigh_unloaded: Measurements | None = Field(
         default=None, description="Of the motions of weigh, without their loads; those of unloaded where not given"
     )
-    name: Name | None = None
 
 
 class IdentifiedGain(DriveGainView):

@@ -1,7 +1,8 @@
-"""Identifications on the wire."""
+"""Identifications, and batches of them, on the wire."""
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
@@ -11,10 +12,10 @@ from dynident.export.stated import ExportChoices
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.essential_choices import EssentialChoices
 from dynident.recordings.stated import PreprocessingChoices
-from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Name, Shown
+from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Labelled, Shown, Wanted
 from dynident_service.models.derived import asks, query_of
-from dynident_service.models.labels import Labelled
 from dynident_service.models.revisions import SeenMeasurement
+from dynident_service.storage.records import State
 
 JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]
 SHAPE_JUDGEMENTS = Literal[
@@ -35,33 +36,30 @@ class Preprocessing(Asked):
 
 
 @asks(IdentificationChoices, "tolerance")
-class IdentificationRequest(Asked):
+class IdentificationRequest(Wanted):
     """What is to be identified, from which measurements, and how."""
 
     robot_id: Identifier
     measurement_ids: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
     validation_ids: list[Identifier] = Field(default=[], max_length=100)
-    name: Name | None = None
     effects: list[EffectChoice] = Field(
         default=[EffectChoice(effect=one.effect) for one in DEFAULT_EFFECTS], min_length=1, max_length=200
     )
     preprocessing: Preprocessing | Literal["auto"] = "auto"
 
 
-class ExtensionRequest(Asked):
+class ExtensionRequest(Wanted):
     """Effects to be added to an identified model."""
 
     effects: list[EffectChoice] = Field(min_length=1, max_length=200)
-    name: Name | None = None
 
 
-class RemovalRequest(Asked):
+class RemovalRequest(Wanted):
     """Effects to be taken out of an identified model."""
 
     effects: list[EffectChoice] = Field(
         min_length=1, max_length=200, description="Off the joints named, off all where none is"
     )
-    name: Name | None = None
 
 
 class StoredIdentification(IdentificationRequest):
@@ -269,3 +267,26 @@ class Lineage(Shown):
     same_data: bool | None = Field(
         default=None, description="Whether all models of both ladders rest on the same measurements"
     )
+
+
+class BatchRequest(Asked):
+    """Many identifications, each as `POST /v1/identifications` takes it: all of them are accepted, or none."""
+
+    items: list[IdentificationRequest] = Field(min_length=1, description="As many as DYNIDENT_MAX_BATCH, or fewer")
+
+
+class BatchItem(Shown):
+    """One identification of a batch."""
+
+    id: str
+    job_id: str
+    status: State
+
+
+class BatchView(Shown):
+    """Identifications that were asked for together."""
+
+    id: str
+    created_at: datetime
+    states: dict[State, int] = Field(description="How many there are in each state; those with none are left out.")
+    items: list[BatchItem] = Field(description="In the order of the request, without those that were deleted since.")

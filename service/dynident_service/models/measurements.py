@@ -1,4 +1,4 @@
-"""Measurements on the wire."""
+"""Measurements, and their signals as they were recorded, on the wire."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import Literal
 from pydantic import Field
 
 from dynident.recordings.stated import EffortKind, RecordingMetadata, Role
-from dynident_service.models.common import Asked, Identifier, Name, Shown
+from dynident_service.models.common import Asked, Identifier, Labelled, Name, Shown
 from dynident_service.models.derived import asks
-from dynident_service.models.labels import Labelled
 from dynident_service.models.revisions import RevisionRequest
 
 
@@ -89,3 +88,25 @@ class MeasurementView(MeasurementResult, Labelled):
     revision: int = Field(default=0, description="How many edits lie between the upload and this measurement")
     effort_kind: EffortKind = Field(default="unknown", description="What its torque or current was said to be")
     request: MeasurementMetadata
+
+
+class RawSignals(Shown):
+    """Signals of a measurement's file; nothing is filtered, mended or resampled."""
+
+    units: dict[str, str] = Field(description="By signal; empty for a column of the file that is given as it stands")
+    t: list[float | None] = Field(description="s")
+    signals: dict[str, list[float | None]] = Field(description="As long as t; null where there is no number")
+    n_samples: int = Field(description="How many there are from `from` to `to`, of which these are shown")
+
+
+class StandstillsOfJoint(Shown):
+    """When one joint stands."""
+
+    joint: str
+    standing: list[tuple[float, float]] = Field(description="Seconds of t, [from, to], one after another")
+
+
+class Standstills(Shown):
+    """When every joint of a measurement stands: there friction may hold any torque."""
+
+    joints: list[StandstillsOfJoint]

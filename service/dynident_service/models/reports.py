@@ -5,12 +5,12 @@ from __future__ import annotations
 from pydantic import Field
 
 from dynident.reports.stated import ReportChoices
-from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
+from dynident_service.models.common import Computed, Identifier, Shown, Wanted
 from dynident_service.models.derived import asks
 
 
 @asks(ReportChoices)
-class ReportRequest(Asked):
+class ReportRequest(Wanted):
     """What is to be reported."""
 
     identification_id: Identifier
@@ -24,7 +24,6 @@ class ReportRequest(Asked):
     measurement_ids: list[Identifier] | None = Field(
         default=None, min_length=1, max_length=100, description="Shown beside the prediction; else all it knows"
     )
-    name: Name | None = None
 
 
 class ReportResult(Shown):

@@ -9,9 +9,8 @@ from pydantic import Field
 
 from dynident.descriptions import FORMATS, DescriptionFormat
 from dynident.robot import stated
-from dynident_service.models.common import Asked, Name, Shown
+from dynident_service.models.common import Asked, Labelled, Name, Shown
 from dynident_service.models.derived import asks, choices_shown
-from dynident_service.models.labels import Labelled
 
 
 class Description(Asked):

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from dynident.recordings.stated import Role
 from dynident.simulation.stated import ActingEffect, Simulated, usual_effects
 from dynident.simulation.stated import Sensors as Sensing
-from dynident_service.models.common import Asked, Computed, Identifier, Name, Shown
+from dynident_service.models.common import Asked, Computed, Identifier, Shown, Wanted
 from dynident_service.models.derived import asks
 from dynident_service.models.designs import Trajectory
 
@@ -38,11 +38,10 @@ class Samples(Asked):
 
 
 @asks(Simulated)
-class SimulationRequest(Asked):
+class SimulationRequest(Wanted):
     """A virtual robot to be measured."""
 
     robot_id: Identifier
-    name: Name | None = None
     effects: list[TrueEffect] = Field(
         max_length=1000,
         default=[TrueEffect.model_validate({"effect": one.effect}) for one in usual_effects()],

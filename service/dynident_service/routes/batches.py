@@ -11,7 +11,7 @@ from fastapi import APIRouter, Response
 from pydantic import TypeAdapter
 
 from dynident.errors import DynidentError
-from dynident_service.models.batches import BatchItem, BatchRequest, BatchView
+from dynident_service.models.identifications import BatchItem, BatchRequest, BatchView
 from dynident_service.problems import (
     MOST_FIELDS,
     Problem,
@@ -89,7 +89,7 @@ def _accepted(services: Services, body: BatchRequest) -> list[NewResource]:
         try:
             accepted.append(_placed(new_identification(ahead, item, lambda found: robot(found.id)), f"/items/{number}"))
         except (DynidentError, ProblemError) as error:
-            problem = error.problem if isinstance(error, ProblemError) else problem_of(error)
+            problem = problem_of(error)
             wrong.append(problem.model_copy(update={"errors": _fields(problem, f"/items/{number}")}))
     if wrong:
         raise ProblemError.of(_refusal(wrong, len(body.items)))

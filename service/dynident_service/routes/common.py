@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from dynident_service.models.common import Computed, Page, Progress
-from dynident_service.problems import Problem, ProblemError, fields_of, unusable, validation_problem
+from dynident_service.problems import ProblemError, fields_of, unusable, validation_problem
 from dynident_service.services import Services
 from dynident_service.storage.records import Kind, NewResource, Resource, Retry
 
@@ -22,22 +22,11 @@ BodyT = TypeVar("BodyT", bound=BaseModel)
 ComputedT = TypeVar("ComputedT", bound=Computed[Any, Any])
 
 PATHS: dict[str, str] = {
-    "robot": "robots",
-    "measurement": "measurements",
-    "design": "designs",
-    "identification": "identifications",
-    "comparison": "comparisons",
     "diagnosis": "diagnoses",
-    "validation": "validations",
-    "drive_gains": "drive_gains",
-    "current_models": "current_models",
-    "simulation": "simulations",
-    "report": "reports",
-    "series": "series",
-    "import": "imports",
     "batch": "identifications/batch",
+    **{one: one for one in ("drive_gains", "current_models", "series")},
 }
-
+"""Below which path resources of a kind are, but for those that are below the kind's plural."""
 
 Limit = Annotated[int, Query(ge=1, le=500, description="How many at most")]
 Cursor = Annotated[str | None, Query(max_length=40, description="From the part before")]
@@ -102,7 +91,7 @@ RetryKeyDep = Annotated[RetryKey, Depends(retry_key)]
 
 def href(kind: str, identifier: str) -> str:
     """Give the address of a resource."""
-    return f"/v1/{PATHS[kind]}/{identifier}"
+    return f"/v1/{PATHS.get(kind, f'{kind}s')}/{identifier}"
 
 
 def make(services: Services, new: NewResource, response: Response) -> Resource:
@@ -128,20 +117,13 @@ def computed(view: type[ComputedT], resource: Resource, **more: object) -> Compu
     """Show a resource that a job computes."""
     job = resource.job
     assert job is not None
-    return view.model_validate(
-        {
-            "id": resource.id,
-            "name": resource.name,
-            "created_at": resource.created_at,
-            "job_id": job.id,
-            "status": job.state,
-            "progress": Progress(fraction=job.fraction, message=job.message),
-            "request": resource.request,
-            "result": resource.result,
-            "error": None if job.error is None else Problem.model_validate(job.error),
-            **more,
-        }
-    )
+    told = {
+        "job_id": job.id,
+        "status": job.state,
+        "progress": Progress(fraction=job.fraction, message=job.message),
+        "error": job.error,
+    }
+    return view.model_validate({**vars(resource), **told, **more})
 
 
 def page_of(

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Query
 
-from dynident_service.models.common import Shown, plain
+from dynident_service.models.common import Shown
 from dynident_service.models.comparisons import (
     AutocorrelationView,
     ComparisonRequest,
@@ -15,12 +16,12 @@ from dynident_service.models.comparisons import (
     Series,
     Spectrum,
 )
-from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
-from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import needed_measurements, needed_model
+from dynident_service.routes.common import succeeded
+from dynident_service.routes.kept import Kept, asked_for
+from dynident_service.routes.needs import needed_measurements, needed_model, resting_on
 from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, RestsOn
+from dynident_service.storage.records import NewJob, RestsOn
 
 ShownT = TypeVar("ShownT", bound=Shown)
 
@@ -29,21 +30,18 @@ if TYPE_CHECKING:
 
 router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
 
-JOB = NewJob("comparison", "dynident_service.work.comparisons:compare_model")
-keep(router, Kept("comparison", ComparisonView, of="identification"))
 
-
-@router.post("", status_code=202)
-def create_comparison(
-    body: ComparisonRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
-) -> ComparisonView:
+@asked_for(
+    router,
+    Kept("comparison", ComparisonView, of="identification"),
+    NewJob("comparison", "dynident_service.work.comparisons:compare_model"),
+)
+def create_comparison(services: Services, body: ComparisonRequest) -> Sequence[RestsOn]:
     """Hold a model against a measurement."""
     model = needed_model(services, body.identification_id)
     robot = services.resources.get("robot", model.one("robot"))
     (measurement,) = needed_measurements(services, robot, [body.measurement_id], "measurement", "/measurement_id")
-    needs = (RestsOn(model.id, "identification", "identification", "/identification_id"), measurement)
-    new = NewResource("comparison", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
-    return computed(ComparisonView, make(services, new, response))
+    return (resting_on(model), measurement)
 
 
 @router.get("/{comparison_id}/series")

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from collections.abc import Sequence
 
-from dynident_service.models.common import plain
+from fastapi import APIRouter
+
 from dynident_service.models.current_models import CurrentModelsRequest, CurrentModelsView
 from dynident_service.models.robots import RobotResult
 from dynident_service.problems import unusable
-from dynident_service.routes.common import RetryKeyDep, computed, make
-from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import needed_measurements, needed_robot, refuse_coupled
+from dynident_service.routes.kept import Kept, asked_for
+from dynident_service.routes.needs import needed_measurements, needed_robot, refuse_coupled, resting_on
 from dynident_service.science import importing
-from dynident_service.services import ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+from dynident_service.services import Services
+from dynident_service.storage.records import NewJob, Resource, RestsOn
 
 router = APIRouter(prefix="/v1/current_models", tags=["current models"])
 
-JOB = NewJob("current_models", "dynident_service.work.current_models:find_currents")
-keep(
+
+@asked_for(
     router,
     Kept(
         "current_models",
@@ -29,13 +29,9 @@ keep(
         shown="Show models of currents, with the result once there is one.",
         deleted="Delete models of currents.",
     ),
+    NewJob("current_models", "dynident_service.work.current_models:find_currents"),
 )
-
-
-@router.post("", status_code=202)
-def create_current_models(
-    body: CurrentModelsRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
-) -> CurrentModelsView:
+def create_current_models(services: Services, body: CurrentModelsRequest) -> Sequence[RestsOn]:
     """Identify every joint's parameters in units of its current: no drive gain has to be known."""
     with importing():
         from dynident.identification.loads.current_units import check_current_effects
@@ -49,13 +45,11 @@ def create_current_models(
     effects = choices_of(body.effects or [])
     check_choices(effects, robot_of(robot.request))
     check_current_effects(effects)
-    needs = (
-        RestsOn(robot.id, "robot", "robot", "/robot_id"),
+    return (
+        resting_on(robot),
         *needed_measurements(services, robot, body.measurement_ids, "measurement", "/measurement_ids"),
         *needed_measurements(services, robot, body.validation_ids, "validation", "/validation_ids"),
     )
-    new = NewResource("current_models", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
-    return computed(CurrentModelsView, make(services, new, response))
 
 
 def _check_gains(robot: Resource) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 from anyio import to_thread
@@ -9,28 +10,29 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
 from dynident.excitation.formats.stated import FORMATS, TrajectoryFormat
-from dynident_service.models.common import plain
 from dynident_service.models.derived import choices_shown
 from dynident_service.models.designs import DesignClearances, DesignRequest, DesignResult, DesignView, TrajectorySamples
-from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
-from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import needed_measurements, needed_robot
+from dynident_service.routes.common import succeeded
+from dynident_service.routes.kept import Kept, asked_for
+from dynident_service.routes.needs import needed_measurements, needed_robot, resting_on
 from dynident_service.science import importing
-from dynident_service.services import ServicesDep
+from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.meshes import meshes_of
-from dynident_service.storage.records import NewJob, NewResource, RestsOn
+from dynident_service.storage.records import NewJob, RestsOn
 
 router = APIRouter(prefix="/v1/designs", tags=["designs"])
 
-JOB = NewJob("design", "dynident_service.work.designs:design")
 CLEARANCES = "dynident_service.work.awaited:clearances"
 PARQUET = "application/vnd.apache.parquet"
 YAML = "application/yaml"
-keep(router, Kept("design", DesignView, of="robot", deleted="Delete a design; 409 while others rest on it."))
 
 
-@router.post("", status_code=202)
-def create_design(body: DesignRequest, services: ServicesDep, retry: RetryKeyDep, response: Response) -> DesignView:
+@asked_for(
+    router,
+    Kept("design", DesignView, of="robot", deleted="Delete a design; 409 while others rest on it."),
+    NewJob("design", "dynident_service.work.designs:design"),
+)
+def create_design(services: Services, body: DesignRequest) -> Sequence[RestsOn]:
     """Design an experiment: a motion within the limits that tells the parameters apart."""
     with importing():
         from dynident_service.adapters.designs import request_of
@@ -38,12 +40,10 @@ def create_design(body: DesignRequest, services: ServicesDep, retry: RetryKeyDep
 
     robot = needed_robot(services, body.robot_id)
     request_of(body, robot_of(robot.request))
-    needs = (
-        RestsOn(robot.id, "robot", "robot", "/robot_id"),
+    return (
+        resting_on(robot),
         *needed_measurements(services, robot, body.earlier_ids, "earlier", "/earlier_ids"),
     )
-    new = NewResource("design", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
-    return computed(DesignView, make(services, new, response))
 
 
 @router.get(

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Query
 
-from dynident_service.models.common import plain
 from dynident_service.models.diagnoses import DiagnosisRequest, DiagnosisView, Evidence
 from dynident_service.problems import ProblemError, unusable
-from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
-from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import needed_measurements, needed_model
+from dynident_service.routes.common import succeeded
+from dynident_service.routes.kept import Kept, asked_for
+from dynident_service.routes.needs import needed_measurements, needed_model, resting_on
 from dynident_service.science import importing
-from dynident_service.services import ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, RestsOn
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.records import NewJob, RestsOn
 
 router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
 
-JOB = NewJob("diagnosis", "dynident_service.work.diagnoses:diagnose_model")
-keep(
+
+@asked_for(
     router,
     Kept(
         "diagnosis",
@@ -28,13 +28,9 @@ keep(
         several="diagnoses",
         deleted="Delete a diagnosis; 409 while others rest on it.",
     ),
+    NewJob("diagnosis", "dynident_service.work.diagnoses:diagnose_model"),
 )
-
-
-@router.post("", status_code=202)
-def create_diagnosis(
-    body: DiagnosisRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
-) -> DiagnosisView:
+def create_diagnosis(services: Services, body: DiagnosisRequest) -> Sequence[RestsOn]:
     """Find what is missing in an identified model, by name, and what to add."""
     with importing():
         from dynident.diagnosis import DiagnosisChoices
@@ -48,13 +44,11 @@ def create_diagnosis(
         if identifier in later:
             detail = f"{identifier} is on both sides; give earlier measurements here, later ones as measurement_ids."
             raise unusable(detail, f"/baseline_ids/{index}")
-    needs = (
-        RestsOn(model.id, "identification", "identification", "/identification_id"),
+    return (
+        resting_on(model),
         *needed_measurements(services, robot, body.measurement_ids or [], "measurement", "/measurement_ids"),
         *needed_measurements(services, robot, body.baseline_ids, "baseline", "/baseline_ids"),
     )
-    new = NewResource("diagnosis", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
-    return computed(DiagnosisView, make(services, new, response))
 
 
 @router.get("/{diagnosis_id}/evidence")
@@ -66,7 +60,7 @@ def get_evidence(
 ) -> Evidence:
     """Give the figure behind a ranked effect: the residual over what it depends on, and the fitted effect with it."""
     with importing():
-        from dynident_service.adapters.evidence import read_evidence
+        from dynident_service.adapters.diagnoses import read_evidence
 
     found = succeeded(services.resources.get("diagnosis", diagnosis_id))
     if "evidence" not in found.objects:

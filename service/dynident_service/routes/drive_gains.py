@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from collections.abc import Sequence
+
+from fastapi import APIRouter
 
 from dynident.errors import DynidentError
-from dynident_service.models.common import plain
 from dynident_service.models.drive_gains import DriveGainsRequest, DriveGainsView
 from dynident_service.problems import unusable
-from dynident_service.routes.common import RetryKeyDep, computed, make
-from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import needed_measurements, needed_robot, refuse_coupled
+from dynident_service.routes.kept import Kept, asked_for
+from dynident_service.routes.needs import needed_measurements, needed_robot, refuse_coupled, resting_on
 from dynident_service.science import importing
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+from dynident_service.services import Services
+from dynident_service.storage.records import NewJob, Resource, RestsOn
 
 router = APIRouter(prefix="/v1/drive_gains", tags=["drive gains"])
 
-JOB = NewJob("drive_gains", "dynident_service.work.drive_gains:find_gains")
-keep(
+
+@asked_for(
     router,
     Kept(
         "drive_gains",
@@ -29,20 +29,15 @@ keep(
         shown="Show drive gains, with the result once there is one.",
         deleted="Delete drive gains; the robot keeps those that it states.",
     ),
+    NewJob("drive_gains", "dynident_service.work.drive_gains:find_gains"),
 )
-
-
-@router.post("", status_code=202)
-def create_drive_gains(
-    body: DriveGainsRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
-) -> DriveGainsView:
+def create_drive_gains(services: Services, body: DriveGainsRequest) -> Sequence[RestsOn]:
     """Identify the drive gains from the same motion without and with a load of known mass."""
     robot = needed_robot(services, body.robot_id)
     refuse_coupled(robot, "gains are identified for")
-    needs = (RestsOn(robot.id, "robot", "robot", "/robot_id"), *_measurements(services, body, robot))
+    needs = (resting_on(robot), *_measurements(services, body, robot))
     _check_loads(services, body)
-    new = NewResource("drive_gains", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
-    return computed(DriveGainsView, make(services, new, response))
+    return needs
 
 
 def _measurements(services: Services, body: DriveGainsRequest, robot: Resource) -> tuple[RestsOn, ...]:

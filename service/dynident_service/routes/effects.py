@@ -14,6 +14,6 @@ router = APIRouter(prefix="/v1/effects", tags=["effects"])
 def list_effects() -> Catalogue:
     """List every effect that the product knows."""
     with importing():
-        from dynident_service.adapters.effects import catalogue
+        from dynident_service.adapters.catalogue import catalogue
 
     return catalogue()

@@ -22,9 +22,9 @@ from dynident_service.models.identifications import (
 from dynident_service.problems import unusable
 from dynident_service.routes.common import LabelledQueryDep, RetryKeyDep, computed, make, page_of, succeeded
 from dynident_service.routes.diagnosed import as_diagnosed
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import ReadAhead, Reading, needed, needed_measurements, needed_robot
-from dynident_service.routes.uncertainty import AWAITED, model_file
-from dynident_service.routes.verdicts import refuse_stopped
+from dynident_service.routes.uncertainty import AWAITED, model_file, refuse_stopped
 from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn, Retry
@@ -75,18 +75,6 @@ def list_identifications(
 ) -> Page[IdentificationView]:
     """List the identifications, newest first; those of one robot if asked."""
     return page_of(services, "identification", query, _show_briefly if brief else show, robot_id)
-
-
-@router.get("/{identification_id}")
-def get_identification(identification_id: str, services: ServicesDep) -> IdentificationView:
-    """Show an identification, with its result once there is one."""
-    return show(services.resources.get("identification", identification_id))
-
-
-@router.delete("/{identification_id}", status_code=204)
-def delete_identification(identification_id: str, services: ServicesDep) -> None:
-    """Delete an identification; 409 while others rest on it."""
-    services.resources.delete("identification", identification_id)
 
 
 @router.post("/{identification_id}/extend", status_code=202)
@@ -221,9 +209,21 @@ def show(resource: Resource) -> IdentificationView:
         parent_id=parents[0] if parents else None,
         added=stored.added,
         removed=stored.removed,
-        tags=list(resource.tags),
-        archived=resource.archived,
     )
+
+
+keep(
+    router,
+    Kept(
+        "identification",
+        IdentificationView,
+        show=show,
+        deleted="Delete an identification; 409 while others rest on it.",
+        shown="Show an identification, with its result once there is one.",
+        labelled="Rename, tag or archive an identification.",
+    ),
+    with_list=False,
+)
 
 
 def _next_rung(

@@ -9,14 +9,15 @@ from typing import Annotated
 from anyio import to_thread
 from fastapi import APIRouter, File, Form, Request, Response, UploadFile
 
-from dynident_service.models.common import Page, plain
+from dynident_service.models.common import plain
 from dynident_service.models.imports import ImportMetadata, ImportView
-from dynident_service.routes.common import ListQueryDep, RetryKeyDep, again, make, page_of, stated
+from dynident_service.routes.common import RetryKeyDep, again, make, stated
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed
 from dynident_service.routes.uploads import media_type_of, receive, sha256_of
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.imports import KEPT
-from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
+from dynident_service.storage.records import NewResource, Resource, RestsOn, Retry
+from dynident_service.storage.retention import KEPT
 
 router = APIRouter(prefix="/v1/imports", tags=["imports"])
 
@@ -50,30 +51,23 @@ async def import_file(
         return await to_thread.run_sync(lambda: show(_store(services, said, source, result, key, response)))
 
 
-@router.get("")
-def list_imports(services: ServicesDep, query: ListQueryDep) -> Page[ImportView]:
-    """List the imports that are still kept, newest first."""
-    return page_of(services, "import", query, show)
-
-
-@router.get("/{import_id}")
-def get_import(import_id: str, services: ServicesDep) -> ImportView:
-    """Show an import."""
-    return show(services.resources.get("import", import_id))
-
-
-@router.delete("/{import_id}", status_code=204)
-def delete_import(import_id: str, services: ServicesDep) -> None:
-    """Delete an import; 409 while a measurement rests on it."""
-    services.resources.delete("import", import_id)
-
-
 def show(resource: Resource) -> ImportView:
     """Show a stored import."""
     expires_at = resource.created_at + timedelta(seconds=KEPT)
-    return ImportView.model_validate(
-        {**(resource.result or {}), "id": resource.id, "created_at": resource.created_at, "expires_at": expires_at}
-    )
+    return ImportView.model_validate({**vars(resource), **(resource.result or {}), "expires_at": expires_at})
+
+
+keep(
+    router,
+    Kept(
+        "import",
+        ImportView,
+        show=show,
+        listed="List the imports that are still kept, newest first.",
+        shown="Show an import.",
+        deleted="Delete an import; 409 while a measurement rests on it.",
+    ),
+)
 
 
 def _receive(services: Services, file: UploadFile, source: Path) -> str:
@@ -90,14 +84,13 @@ def _store(
     response: Response,
 ) -> Resource:
     services.resources.check_room("import", (source,))
-    stored = services.resources.put(source)
     new = NewResource(
         "import",
         plain(said),
         name=said.name,
         result=result,
         rests_on=(RestsOn(said.robot_id, "robot", "robot", "/metadata/robot_id"),),
-        objects=(Owned("original", stored.key, stored.size, media_type_of(source)),),
+        objects=(services.resources.put_as("original", source, media_type_of(source)),),
         retry=retry,
     )
     return make(services, new, response)

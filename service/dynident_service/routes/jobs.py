@@ -11,15 +11,12 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from dynident_service.models.common import Page, Progress
 from dynident_service.models.jobs import JobResource, JobView
-from dynident_service.problems import Problem
 from dynident_service.routes.common import ListQueryDep, href
 from dynident_service.services import ServicesDep
-from dynident_service.storage.identifiers import PREFIXES
+from dynident_service.storage.identifiers import KINDS
 from dynident_service.storage.records import Job, JobKind, State
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
-
-KINDS = {prefix: kind for kind, prefix in PREFIXES.items()}
 
 
 def existing_job(job_id: str, services: ServicesDep) -> Job:
@@ -75,17 +72,5 @@ def show(job: Job) -> JobView:
     if job.resource_id is not None:
         kind = KINDS[job.resource_id.partition("_")[0]]
         resource = JobResource(kind=kind, id=job.resource_id, href=href(kind, job.resource_id))
-    return JobView.model_validate(
-        {
-            "id": job.id,
-            "kind": job.kind,
-            "state": job.state,
-            "progress": Progress(fraction=job.fraction, message=job.message),
-            "resource": resource,
-            "error": None if job.error is None else Problem.model_validate(job.error),
-            "attempt": job.attempt,
-            "created_at": job.created_at,
-            "started_at": job.started_at,
-            "finished_at": job.finished_at,
-        }
-    )
+    progress = Progress(fraction=job.fraction, message=job.message)
+    return JobView.model_validate({**vars(job), "progress": progress, "resource": resource})

@@ -1,64 +1,127 @@
-"""The routes that all resources which a job computes have: listed, shown, deleted."""
+"""The routes that resources have in common: asked for where a job computes them, listed, shown, labelled, deleted."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from inspect import getdoc
+from typing import Annotated, TypeVar, cast, get_type_hints
 
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Path, Query, Request, Response
+from pydantic import BaseModel
 
-from dynident_service.models.common import Computed, Page
-from dynident_service.routes.common import ListQueryDep, computed, page_of
-from dynident_service.services import ServicesDep
-from dynident_service.storage.records import Kind
+from dynident_service.models.common import Computed, LabelsRequest, Page, plain
+from dynident_service.routes.common import LabelledQueryDep, ListQueryDep, RetryKeyDep, computed, make, page_of
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.records import Kind, NewJob, NewResource, Resource, RestsOn
+
+BodyT = TypeVar("BodyT", bound=BaseModel)
+Show = Callable[[Resource], BaseModel]
+Needs = Callable[[Services, BodyT], Sequence[RestsOn]]
+Arguments = Callable[[Request, Mapping[str, object]], Mapping[str, object]]
 
 
 @dataclass(frozen=True)
 class Kept:
     """A kind of resource, and what its routes are called and say in the contract.
 
-    `of` is the kind that each of them rests on, and its list may be asked for; `several` and `one` are in the names of
-    the operations, `words`, `shown` and `deleted` in their descriptions: what is not given follows from the kind.
+    `show` tells how one is shown that no job computes; `of` is the kind that each of them rests on, whose list may be
+    asked for, if there is one. `several` and `one` are in the names of the operations, `listed`, `words`, `shown`,
+    `deleted` and `labelled` in their descriptions: what is not given follows from the kind. Those that may be
+    `labelled` may be archived.
     """
 
     kind: Kind
-    view: type[Computed[Any, Any]]
-    of: Kind
+    view: type[BaseModel]
+    of: Kind | None = None
+    show: Show | None = None
     several: str = ""
     one: str = ""
     words: str = ""
+    listed: str = ""
     shown: str = ""
     deleted: str = ""
+    labelled: str = ""
 
 
-VIEWS: dict[Kind, type[Computed[Any, Any]]] = {}
+SHOWN: dict[Kind, Show] = {}
 """How each kind that has these routes is shown."""
 
 
-def keep(router: APIRouter, kept: Kept) -> None:
-    """Add the three routes of a kind."""
-    VIEWS[kept.kind] = kept.view
-
-    def listed(services: ServicesDep, query: ListQueryDep, on_id: str | None = None) -> object:
-        return page_of(services, kept.kind, query, lambda one: computed(kept.view, one), on_id)
+def keep(router: APIRouter, kept: Kept, *, with_list: bool = True) -> None:
+    """Add the routes of a kind; `with_list` unless its list is one of its own."""
+    kind, show = kept.kind, kept.show or _computed(kept.view)
+    SHOWN[kind] = show
 
     def shown(identifier: str, services: ServicesDep) -> object:
-        return computed(kept.view, services.resources.get(kept.kind, identifier))
+        return show(services.resources.get(kind, identifier))
 
     def deleted(identifier: str, services: ServicesDep) -> None:
-        services.resources.delete(kept.kind, identifier)
+        services.resources.delete(kind, identifier)
+
+    def labelled(identifier: str, body: LabelsRequest, services: ServicesDep) -> object:
+        return show(services.resources.label(kind, identifier, name=body.name, tags=body.tags, archived=body.archived))
 
     # Parameters are called after the kinds.
-    named = Annotated[str, Path(alias=f"{kept.kind}_id")]
-    shown.__annotations__["identifier"] = deleted.__annotations__["identifier"] = named
-    listed.__annotations__["on_id"] = Annotated[str | None, Query(alias=f"{kept.of}_id")]
-    listed.__annotations__["return"] = Page.__class_getitem__(kept.view)
-    shown.__annotations__["return"] = kept.view
-    at = f"/{{{kept.kind}_id}}"
-    several, one = kept.several or f"{kept.kind}s", kept.one or kept.kind
-    to_list = f"List the {kept.words or several}, newest first; those of one {kept.of} if asked."
-    to_show = kept.shown or f"Show a {kept.kind}, with its result once there is one."
-    router.get("", name=f"list_{several}", description=to_list)(listed)
+    for route in (shown, deleted, labelled):
+        route.__annotations__["identifier"] = Annotated[str, Path(alias=f"{kind}_id")]
+    shown.__annotations__["return"] = labelled.__annotations__["return"] = kept.view
+    at, one = f"/{{{kind}_id}}", kept.one or kind
+    if with_list:
+        _keep_list(router, kept, show)
+    to_show = kept.shown or f"Show a {kind}, with its result once there is one."
     router.get(at, name=f"get_{one}", description=to_show)(shown)
-    to_delete = kept.deleted or f"Delete a {kept.kind}."
-    router.delete(at, status_code=204, name=f"delete_{one}", description=to_delete)(deleted)
+    router.delete(at, status_code=204, name=f"delete_{one}", description=kept.deleted or f"Delete a {kind}.")(deleted)
+    if kept.labelled:
+        router.patch(at, name=f"label_{one}", description=kept.labelled)(labelled)
+
+
+def asked_for(
+    router: APIRouter, kept: Kept, job: NewJob, arguments: Arguments = lambda _, __: {}
+) -> Callable[[Needs[BodyT]], Needs[BodyT]]:
+    """Beside what says what a new resource rests on, or refuses the body: the route that asks for one, and the others.
+
+    A job computes it, with the arguments that are made of the request and its body. The route is called as the function
+    is, and has its words.
+    """
+    keep(router, kept)
+
+    def asked(needs: Needs[BodyT]) -> Needs[BodyT]:
+        def created(
+            body: BodyT, services: ServicesDep, retry: RetryKeyDep, request: Request, response: Response
+        ) -> object:
+            rests_on, wanted = tuple(needs(services, body)), plain(body)
+            to_do = replace(job, arguments=arguments(request, wanted))
+            name = cast(str | None, wanted["name"])
+            new = NewResource(kept.kind, wanted, name=name, rests_on=rests_on, job=to_do, retry=retry.of(body))
+            return SHOWN[kept.kind](make(services, new, response))
+
+        created.__annotations__ |= {"body": get_type_hints(needs)["body"], "return": kept.view}
+        router.post("", status_code=202, name=needs.__name__, description=getdoc(needs))(created)
+        return needs
+
+    return asked
+
+
+def _keep_list(router: APIRouter, kept: Kept, show: Show) -> None:
+    def listed(services: ServicesDep, query: ListQueryDep, on_id: str | None = None) -> object:
+        return page_of(services, kept.kind, query, show, on_id)
+
+    def listed_all(services: ServicesDep, query: ListQueryDep) -> object:
+        return page_of(services, kept.kind, query, show)
+
+    route: Callable[..., object] = listed if kept.of else listed_all
+    if kept.of:
+        route.__annotations__["on_id"] = Annotated[str | None, Query(alias=f"{kept.of}_id")]
+    if kept.labelled:
+        route.__annotations__["query"] = LabelledQueryDep
+    route.__annotations__["return"] = Page.__class_getitem__(kept.view)
+    several = kept.several or f"{kept.kind}s"
+    of_one = f"; those of one {kept.of} if asked" if kept.of else ""
+    to_list = kept.listed or f"List the {kept.words or several}, newest first{of_one}."
+    router.get("", name=f"list_{several}", description=to_list)(route)
+
+
+def _computed(view: type[BaseModel]) -> Show:
+    assert issubclass(view, Computed)
+    return lambda resource: computed(view, resource)

@@ -1,8 +1,8 @@
-"""Measurements: upload with checks, look, fetch what was uploaded, delete."""
+"""Measurements: upload with checks, look, fetch what was uploaded or some signals of it, delete."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,13 +11,15 @@ from anyio import to_thread
 from fastapi import APIRouter, File, Form, Query, Request, Response, UploadFile
 from fastapi.responses import StreamingResponse
 
-from dynident_service.models.common import Page, plain
+from dynident_service.models.common import plain
 from dynident_service.models.imports import MeasurementOfImport
-from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
+from dynident_service.models.measurements import MeasurementMetadata, MeasurementView, RawSignals, Standstills
 from dynident_service.problems import ProblemError, ProblemField, not_found, unusable, validation_problem
-from dynident_service.routes.common import LabelledQueryDep, RetryKey, RetryKeyDep, again, make, page_of, stated
+from dynident_service.routes.common import RetryKey, RetryKeyDep, again, make, stated
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed
 from dynident_service.routes.uploads import MEDIA_TYPES, media_type_of, receive, require_room, sha256_of
+from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
 from dynident_service.storage.tombstones import ObjectGone
@@ -70,7 +72,7 @@ async def upload_measurement(
     with services.scratch() as folder:
         said = stated(MeasurementMetadata, metadata, "/metadata")
         received = await to_thread.run_sync(_receive, services, said, file, folder, retry)
-        return await _checked(request, services, received, response)
+        return await checked(request, services, received, response)
 
 
 async def _of_import(request: Request, services: Services, retry: RetryKey, response: Response) -> MeasurementView:
@@ -78,23 +80,23 @@ async def _of_import(request: Request, services: Services, retry: RetryKey, resp
     asked = stated(MeasurementOfImport, await request.body())
     with services.scratch() as folder:
         received = await to_thread.run_sync(_imported, services, asked, folder, retry)
-        return await _checked(request, services, received, response)
+        return await checked(request, services, received, response)
 
 
-async def _checked(request: Request, services: Services, received: _Received, response: Response) -> MeasurementView:
-    """Check a file and store it, unless an earlier try did."""
-    if received.known is not None:
-        return show(again(received.known, response))
+async def checked(
+    request: Request, services: Services, received: Received | Resource, response: Response
+) -> MeasurementView:
+    """Check a file and store it, unless an earlier try did, which made the resource."""
+    if isinstance(received, Resource):
+        return show(again(received, response))
     result = await services.awaited.call(request, IMPORT, dict, received.to_import(), LONGEST_IMPORT)
     return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
 
 
-def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key: RetryKey) -> _Received:
-    retry = key.of(asked)
-    source = folder / "source"
-    said = asked.metadata
+def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key: RetryKey) -> Received | Resource:
+    retry, source, said = key.of(asked), folder / "source", asked.metadata
     if (known := services.resources.known(retry)) is not None:
-        return _Received(said, source, "", retry, {}, known)
+        return known
     found = services.resources.find(asked.import_id)
     if found is None or found.kind != "import":
         detail = f"there is no import {asked.import_id!r}; they are kept for a day: upload the file again"
@@ -105,21 +107,7 @@ def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key:
         for part in services.objects.stream(original.key):
             target.write(part)
     robot = needed(services, "robot", said.robot_id, "/metadata/robot_id").request
-    return _Received(said, source, original.key, retry, robot, import_id=found.id)
-
-
-@router.get("")
-def list_measurements(
-    services: ServicesDep, query: LabelledQueryDep, robot_id: Annotated[str | None, Query()] = None
-) -> Page[MeasurementView]:
-    """List the measurements, newest first; those of one robot if asked."""
-    return page_of(services, "measurement", query, show, robot_id)
-
-
-@router.get("/{measurement_id}")
-def get_measurement(measurement_id: str, services: ServicesDep) -> MeasurementView:
-    """Show a measurement."""
-    return show(services.resources.get("measurement", measurement_id))
+    return Received(said, source, folder, original.key, retry, robot, import_id=found.id)
 
 
 @router.get("/{measurement_id}/content", response_class=StreamingResponse)
@@ -128,12 +116,6 @@ def get_measurement_content(measurement_id: str, services: ServicesDep) -> Strea
     original = original_of(services.resources.get("measurement", measurement_id))
     headers = {"Content-Length": str(original.size), "ETag": f'"{original.key}"'}
     return StreamingResponse(services.objects.stream(original.key), media_type=original.media_type, headers=headers)
-
-
-@router.delete("/{measurement_id}", status_code=204)
-def delete_measurement(measurement_id: str, services: ServicesDep) -> None:
-    """Delete a measurement; 409 while others rest on it."""
-    services.resources.delete("measurement", measurement_id)
 
 
 def original_of(measurement: Resource) -> Owned:
@@ -148,41 +130,55 @@ def show(resource: Resource) -> MeasurementView:
     said = MeasurementMetadata.model_validate(resource.request)
     return MeasurementView.model_validate(
         {
+            **vars(resource),
             **(resource.result or {}),
-            "id": resource.id,
-            "name": resource.name,
-            "created_at": resource.created_at,
             **said.model_dump(include={"robot_id", "role", "windows"}),
             "parent_id": next(iter(resource.all("parent")), None),
             "revision": len((resource.result or {}).get("edits", [])),
             "effort_kind": said.model_dump(include={"effort_kind"})["effort_kind"] or "unknown",
             "request": said,
-            "tags": resource.tags,
-            "archived": resource.archived,
         }
     )
 
 
+keep(
+    router,
+    Kept(
+        "measurement",
+        MeasurementView,
+        of="robot",
+        show=show,
+        shown="Show a measurement.",
+        deleted="Delete a measurement; 409 while others rest on it.",
+        labelled="Rename, tag or archive a measurement; the runs of a recording keep the name that they were read "
+        "with.",
+    ),
+)
+
+
 @dataclass(frozen=True)
-class _Received:
+class Received:
     """A file that was received, and what is said of it."""
 
     said: MeasurementMetadata
     source: Path
+    folder: Path
     sha256: str
     retry: Retry | None
     robot: Mapping[str, Any]
-    known: Resource | None = None
-    """What an earlier try of the same upload made."""
     import_id: str | None = None
     """The import that the file comes from."""
+    revised: Resource | None = None
+    """The measurement of the same file of which something else is said now."""
+    edits: Sequence[Mapping[str, object]] = ()
+    """All that was said of it since it was uploaded."""
 
     @property
     def recording(self) -> Path:
         """Where the recording is to be written."""
-        return self.source.with_name("recording.parquet")
+        return self.folder / "recording.parquet"
 
-    def to_import(self) -> dict[str, Any]:
+    def to_import(self) -> dict[str, object]:
         """Give what the import is told."""
         return {
             "source": str(self.source),
@@ -193,27 +189,30 @@ class _Received:
         }
 
 
-def _receive(services: Services, said: MeasurementMetadata, file: UploadFile, folder: Path, key: RetryKey) -> _Received:
+def _receive(
+    services: Services, said: MeasurementMetadata, file: UploadFile, folder: Path, key: RetryKey
+) -> Received | Resource:
     source = folder / "source"
     receive(services, file, source)
     sha256 = sha256_of(source)
     retry = key.of(said, sha256)
     if (known := services.resources.known(retry)) is not None:
-        return _Received(said, source, sha256, retry, {}, known)
+        return known
     robot = needed(services, "robot", said.robot_id, "/metadata/robot_id").request
-    return _Received(said, source, sha256, retry, robot)
+    return Received(said, source, folder, sha256, retry, robot)
 
 
-def _store(services: Services, received: _Received, result: Mapping[str, Any], response: Response) -> Resource:
-    said = received.said
+def _store(services: Services, received: Received, result: Mapping[str, Any], response: Response) -> Resource:
+    said, revised = received.said, received.revised
     new = NewResource(
         "measurement",
         plain(said),
         name=said.name,
-        result=result,
+        result={**result, "edits": received.edits},
         rests_on=(
             RestsOn(said.robot_id, "robot", "robot", "/metadata/robot_id"),
             *([RestsOn(received.import_id, "import", "import", "/import_id")] if received.import_id else []),
+            *([RestsOn(revised.id, "measurement", "parent", "/")] if revised else []),
         ),
         objects=_keep(services, received),
         retry=received.retry,
@@ -224,12 +223,49 @@ def _store(services: Services, received: _Received, result: Mapping[str, Any], r
         return make(services, replace(new, objects=_keep(services, received)), response)
 
 
-def _keep(services: Services, received: _Received) -> tuple[Owned, ...]:
-    source, canonical = received.source, received.recording
-    services.resources.check_room("measurement", (source, canonical))
-    media_type = media_type_of(source)
-    kept = []
-    for role, path, kind in (("original", source, media_type), ("recording", canonical, MEDIA_TYPES["parquet"])):
-        stored = services.resources.put(path)
-        kept.append(Owned(role, stored.key, stored.size, kind))
-    return tuple(kept)
+def _keep(services: Services, received: Received) -> tuple[Owned, ...]:
+    source, canonical, revised = received.source, received.recording, received.revised
+    services.resources.check_room("measurement", (source, canonical) if revised is None else (canonical,))
+    original = (
+        services.resources.put_as("original", source, media_type_of(source))
+        if revised is None
+        else original_of(revised)
+    )
+    return original, services.resources.put_as("recording", canonical, MEDIA_TYPES["parquet"])
+
+
+@router.get("/{measurement_id}/raw", response_model=RawSignals)
+def get_raw_signals(
+    measurement_id: str,
+    services: ServicesDep,
+    signals: Annotated[
+        str | None,
+        Query(description="q1,tau_elbow,… or the file's own columns, with commas between; else all q and tau"),
+    ] = None,
+    start: Annotated[float | None, Query(alias="from", allow_inf_nan=False, description="s")] = None,
+    end: Annotated[float | None, Query(alias="to", allow_inf_nan=False, description="s")] = None,
+    points: Annotated[int | None, Query(ge=12, le=100_000, description="About how many; all where not given")] = None,
+) -> Response:
+    """Give signals as they were recorded; with `points` thinned so that extremes survive, else all of them."""
+    with importing():
+        from dynident_service.adapters.raw_signals import as_recorded, streamed, thinned
+        from dynident_service.adapters.robots import robot_of
+
+    found = services.resources.get("measurement", measurement_id)
+    said = MeasurementMetadata.model_validate(found.request)
+    robot = robot_of(services.resources.get("robot", said.robot_id).request)
+    wanted = [name.strip() for name in (signals or "").split(",") if name.strip()]
+    opened = as_recorded(services.objects.path(original_of(found).key), robot, said, wanted)
+    if points is None:
+        return StreamingResponse(streamed(opened, start, end), media_type="application/json")
+    return Response(thinned(opened, points, start, end).model_dump_json(), media_type="application/json")
+
+
+@router.get("/{measurement_id}/standstills")
+def get_standstills(measurement_id: str, services: ServicesDep) -> Standstills:
+    """Give the stretches of time in which each joint stands, as the recording's rows are told apart for friction."""
+    with importing():
+        from dynident_service.adapters.measurements import recording_of
+        from dynident_service.adapters.raw_signals import standstills
+
+    return standstills(recording_of(services.resources.get("measurement", measurement_id), services.objects))

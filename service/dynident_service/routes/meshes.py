@@ -129,17 +129,12 @@ async def _taken(
     found = await services.awaited.call(request, TAKE, dict, await to_thread.run_sync(asked))
 
     def stored() -> Taken:
-        files = dict(kept)
-        new = [_put(services, GEOMETRY, geometry, "application/json")]
+        files, put = dict(kept), services.resources.put_as
+        new = [put(GEOMETRY, geometry, "application/json")]
         for place, mesh in enumerate(found["meshes"]):
             if (file := found["chosen"].get(mesh["name"])) is not None:
-                files[mesh["name"]] = _put(services, role_of(place), sent[file], "application/octet-stream")
+                files[mesh["name"]] = put(role_of(place), sent[file], "application/octet-stream")
                 new.append(files[mesh["name"]])
         return Taken(found["meshes"], tuple(new), files, tuple(found["unused"]))
 
     return await to_thread.run_sync(stored)
-
-
-def _put(services: Services, role: str, file: Path, media_type: str) -> Owned:
-    stored = services.resources.put(file)
-    return Owned(role, stored.key, stored.size, media_type)

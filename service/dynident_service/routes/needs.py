@@ -94,6 +94,11 @@ def needed_design(services: Reading, identifier: str, robot: Resource) -> RestsO
     return RestsOn(identifier, "design", "design", "/design_id")
 
 
+def resting_on(found: Resource) -> RestsOn:
+    """To rest on a robot or a model that the request names by the id of its kind."""
+    return RestsOn(found.id, found.kind, found.kind, f"/{found.kind}_id")
+
+
 def needed_measurements(
     services: Reading, robot: Resource, identifiers: Sequence[str], role: str, pointer: str
 ) -> tuple[RestsOn, ...]:

@@ -2,39 +2,40 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Request
 from fastapi.responses import StreamingResponse
 
 from dynident.reports.stated import MEDIA_TYPES
-from dynident_service.models.common import plain
 from dynident_service.models.reports import ReportRequest, ReportView
 from dynident_service.problems import unusable
-from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
-from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import needed_design, needed_measurements, needed_model, needed_result
+from dynident_service.routes.common import succeeded
+from dynident_service.routes.kept import Kept, asked_for
+from dynident_service.routes.needs import needed_design, needed_measurements, needed_model, needed_result, resting_on
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+from dynident_service.storage.records import NewJob, Resource, RestsOn
 
 router = APIRouter(prefix="/v1/reports", tags=["reports"])
 
-JOB = NewJob("report", "dynident_service.work.reports:write_report")
-keep(
+
+def _address(request: Request, asked: Mapping[str, object]) -> dict[str, object]:
+    """As the client knows the service: a report that is sent on leads back to it."""
+    return {"address": f"{request.base_url}?identification={asked['identification_id']}"}
+
+
+@asked_for(
     router,
     Kept("report", ReportView, of="identification", shown="Show a report; its result says where the document is."),
+    NewJob("report", "dynident_service.work.reports:write_report"),
+    _address,
 )
-
-
-@router.post("", status_code=202)
-def create_report(
-    body: ReportRequest, services: ServicesDep, retry: RetryKeyDep, request: Request, response: Response
-) -> ReportView:
+def create_report(services: Services, body: ReportRequest) -> Sequence[RestsOn]:
     """Write a report of an identified model, with its ladder and a diagnosis if asked."""
     model = needed_model(services, body.identification_id)
     robot = services.resources.get("robot", model.one("robot"))
     needs = [
-        RestsOn(model.id, "identification", "identification", "/identification_id"),
+        resting_on(model),
         *needed_measurements(services, robot, body.measurement_ids or [], "measurement", "/measurement_ids"),
     ]
     if body.design_id is not None:
@@ -42,10 +43,7 @@ def create_report(
     needs += [_validation(services, one, index, model) for index, one in enumerate(body.validation_ids)]
     if body.diagnosis_id is not None:
         needs.append(_diagnosis(services, body.diagnosis_id, model))
-    # As the client knows the service: a report that is sent on leads back to it.
-    job = replace(JOB, arguments={"address": f"{request.base_url}?identification={model.id}"})
-    new = NewResource("report", plain(body), name=body.name, rests_on=tuple(needs), job=job, retry=retry.of(body))
-    return computed(ReportView, make(services, new, response))
+    return needs
 
 
 @router.get(

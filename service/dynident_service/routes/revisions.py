@@ -13,12 +13,11 @@ from dynident_service.models.common import plain
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
 from dynident_service.models.revisions import RevisionRequest
 from dynident_service.problems import Problem, ProblemError, unusable
-from dynident_service.routes.common import RetryKeyDep, again, make
-from dynident_service.routes.measurements import IMPORT, LONGEST_IMPORT, original_of, show
-from dynident_service.routes.uploads import MEDIA_TYPES
+from dynident_service.routes.common import RetryKeyDep
+from dynident_service.routes.measurements import Received, checked, original_of
 from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn
+from dynident_service.storage.records import Resource, Retry
 
 router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
 
@@ -35,43 +34,26 @@ async def revise_measurement(
     response: Response,
 ) -> MeasurementView:
     """Say something else of a measurement's file: a new measurement, checked anew, whose parent is this one."""
-    key = retry.of(body)
-    parent, known = await to_thread.run_sync(
-        lambda: (services.resources.get("measurement", measurement_id), services.resources.known(key))
-    )
-    if known is not None:
-        return show(again(known, response))
-    said, edits = await to_thread.run_sync(_said, parent, body)
     with services.scratch() as folder:
-        destination = folder / "recording.parquet"
-        asked = await to_thread.run_sync(_to_import, services, parent, said, destination)
+        received = await to_thread.run_sync(_received, services, measurement_id, body, folder, retry.of(body))
         try:
-            result = await services.awaited.call(request, IMPORT, dict, asked, LONGEST_IMPORT)
+            return await checked(request, services, received, response)
         except ProblemError as error:
             raise _of_body(error.problem) from error
 
-        def store() -> Resource:
-            services.resources.check_room("measurement", (destination,))
-            stored = services.resources.put(destination)
-            needs = (
-                RestsOn(said.robot_id, "robot", "robot", "/"),
-                RestsOn(parent.id, "measurement", "parent", "/"),
-            )
-            new = NewResource(
-                "measurement",
-                plain(said),
-                name=said.name,
-                result={**result, "edits": edits},
-                rests_on=needs,
-                objects=(
-                    parent.objects["original"],
-                    Owned("recording", stored.key, stored.size, MEDIA_TYPES["parquet"]),
-                ),
-                retry=key,
-            )
-            return make(services, new, response)
 
-        return await to_thread.run_sync(lambda: show(store()))
+def _received(
+    services: Services, measurement_id: str, body: RevisionRequest, folder: Path, key: Retry | None
+) -> Received | Resource:
+    parent = services.resources.get("measurement", measurement_id)
+    if (known := services.resources.known(key)) is not None:
+        return known
+    said, edits = _said(parent, body)
+    original = original_of(parent)
+    sha256 = original.key if parent.result is None else parent.result["sha256"]
+    robot = services.resources.get("robot", said.robot_id).request
+    source = services.objects.path(original.key)
+    return Received(said, source, folder, sha256, key, robot, revised=parent, edits=edits)
 
 
 def _said(parent: Resource, body: RevisionRequest) -> tuple[MeasurementMetadata, list[dict[str, Any]]]:
@@ -93,14 +75,3 @@ def _of_body(problem: Problem) -> ProblemError:
     """What is wrong with a file, told by the fields of a revision: there is no form around them."""
     fields = [one.model_copy(update={"pointer": one.pointer.removeprefix("/metadata")}) for one in problem.errors or []]
     return ProblemError.of(problem.model_copy(update={"errors": fields or None}))
-
-
-def _to_import(services: Services, parent: Resource, said: MeasurementMetadata, destination: Path) -> dict[str, Any]:
-    original = original_of(parent)
-    return {
-        "source": str(services.objects.path(original.key)),
-        "destination": str(destination),
-        "robot": dict(services.resources.get("robot", said.robot_id).request),
-        "metadata": plain(said),
-        "sha256": original.key if parent.result is None else parent.result["sha256"],
-    }

@@ -1,19 +1,31 @@
-"""Robots."""
+"""Robots, and all that belongs to one in one file, for another service."""
 
 from __future__ import annotations
 
-from anyio import to_thread
-from fastapi import APIRouter, Request, Response
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
 
-from dynident_service.models.common import Page, plain
+from anyio import CapacityLimiter, to_thread
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import FileResponse
+from starlette.background import BackgroundTask
+
+from dynident_service.limits import take_long
+from dynident_service.models.common import plain
 from dynident_service.models.robots import RobotRequest, RobotView
-from dynident_service.routes.common import LabelledQueryDep, RetryKeyDep, make, page_of
+from dynident_service.routes.common import RetryKeyDep, make
+from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.meshes import inherited
-from dynident_service.services import ServicesDep
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.bundle import export_robot
 from dynident_service.storage.meshes import named_meshes
 from dynident_service.storage.records import NewResource, Resource
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"])
+ZIP = "application/zip"
+FILE: dict[int | str, dict[str, Any]] = {200: {"content": {ZIP: {}}, "description": "For `dynident import-robot`"}}
 
 
 @router.post("", status_code=201)
@@ -29,35 +41,42 @@ async def create_robot(
     return await to_thread.run_sync(lambda: show(make(services, new, response)))
 
 
-@router.get("")
-def list_robots(services: ServicesDep, query: LabelledQueryDep) -> Page[RobotView]:
-    """List the robots, newest first."""
-    return page_of(services, "robot", query, show)
-
-
-@router.get("/{robot_id}")
-def get_robot(robot_id: str, services: ServicesDep) -> RobotView:
-    """Show a robot."""
-    return show(services.resources.get("robot", robot_id))
-
-
-@router.delete("/{robot_id}", status_code=204)
-def delete_robot(robot_id: str, services: ServicesDep) -> None:
-    """Delete a robot; 409 while others rest on it."""
-    services.resources.delete("robot", robot_id)
-
-
 def show(resource: Resource) -> RobotView:
     """Show a stored robot."""
-    return RobotView.model_validate(
-        {
-            **(resource.result or {}),
-            "meshes": named_meshes(resource),
-            "id": resource.id,
-            "name": resource.name,
-            "created_at": resource.created_at,
-            "request": resource.request,
-            "tags": resource.tags,
-            "archived": resource.archived,
-        }
+    return RobotView.model_validate({**vars(resource), **(resource.result or {}), "meshes": named_meshes(resource)})
+
+
+keep(
+    router,
+    Kept(
+        "robot",
+        RobotView,
+        show=show,
+        shown="Show a robot.",
+        deleted="Delete a robot; 409 while others rest on it.",
+        labelled="Rename, tag or archive a robot.",
+    ),
+)
+
+
+@router.get("/{robot_id}/bundle", response_class=FileResponse, responses=FILE)
+async def get_robot_bundle(robot_id: str, request: Request, services: ServicesDep) -> FileResponse:
+    """Give a robot with its recordings, models, diagnoses and reports as one ZIP, but for what is still computed."""
+    take_long(request.scope)
+    path = await to_thread.run_sync(_write, services, robot_id, limiter=CapacityLimiter(1))
+    return FileResponse(
+        path, media_type=ZIP, filename=f"{robot_id}.zip", background=BackgroundTask(shutil.rmtree, path.parent)
     )
+
+
+def _write(services: Services, robot_id: str) -> Path:
+    services.resources.get("robot", robot_id)
+    folder = services.settings.uploads_dir
+    folder.mkdir(parents=True, exist_ok=True)
+    path = Path(tempfile.mkdtemp(dir=folder)) / "bundle.zip"
+    try:
+        export_robot(services.database, services.objects, robot_id, path)
+    except BaseException:
+        shutil.rmtree(path.parent)
+        raise
+    return path

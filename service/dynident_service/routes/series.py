@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from fastapi import APIRouter, Response
 
-from dynident_service.models.common import plain
-from dynident_service.models.series import SeriesRequest, SeriesView
+from dynident_service.models.diagnoses import SeriesRequest, SeriesView
 from dynident_service.problems import unusable
-from dynident_service.routes.common import RetryKeyDep, computed, make, succeeded
-from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import needed_measurements, needed_model
-from dynident_service.services import ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, RestsOn
+from dynident_service.routes.common import succeeded
+from dynident_service.routes.kept import Kept, asked_for
+from dynident_service.routes.needs import needed_measurements, needed_model, resting_on
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.records import NewJob, RestsOn
 
 router = APIRouter(prefix="/v1/series", tags=["series"])
 
-JOB = NewJob("series", "dynident_service.work.series:follow_robot")
-keep(
+
+@asked_for(
     router,
     Kept(
         "series",
@@ -27,17 +28,13 @@ keep(
         words="series",
         deleted="Delete a series; 409 while others rest on it.",
     ),
+    NewJob("series", "dynident_service.work.series:follow_robot"),
 )
-
-
-@router.post("", status_code=202)
-def create_series_of_days(
-    body: SeriesRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
-) -> SeriesView:
+def create_series_of_days(services: Services, body: SeriesRequest) -> Sequence[RestsOn]:
     """Say what has changed in a robot over many days, from which day on, and give every parameter's course."""
     model = needed_model(services, body.identification_id)
     robot = services.resources.get("robot", model.one("robot"))
-    needs = [RestsOn(model.id, "identification", "identification", "/identification_id")]
+    needs = [resting_on(model)]
     if body.continues is None and len(body.days) == 1:
         raise unusable("a series takes two days at least; give more, or the series that this one continues", "/days")
     if body.continues is not None:
@@ -54,8 +51,7 @@ def create_series_of_days(
                 raise unusable(f"{identifier} is there twice; each measurement is of one day.", f"{pointer}/{index}")
             used.add(identifier)
         needs += needed_measurements(services, robot, day.measurement_ids, "measurement", pointer)
-    new = NewResource("series", plain(body), name=body.name, rests_on=tuple(needs), job=JOB, retry=retry.of(body))
-    return computed(SeriesView, make(services, new, response))
+    return needs
 
 
 @router.get("/{series_id}/figure", response_class=Response, responses={200: {"content": {"image/svg+xml": {}}}})

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
-from dynident_service.routes import batches, identifications, imports, jobs, measurements, robots
-from dynident_service.routes.common import computed
-from dynident_service.routes.kept import VIEWS
+from dynident_service.routes import batches, jobs
+from dynident_service.routes.kept import SHOWN
 from dynident_service.storage.records import Kind, Resource
 
-_SHOWN: Mapping[Kind, Callable[[Resource], object]] = {
-    "robot": robots.show,
-    "measurement": measurements.show,
-    "import": imports.show,
-    "identification": identifications.show,
-    "batch": batches.members,
-}
 _FILES: Mapping[Kind, frozenset[str]] = {
     "measurement": frozenset({"recording"}),
     "import": frozenset({"original"}),
@@ -33,10 +25,10 @@ def look_at(resource: Resource) -> None:
     """Show a resource and its job; raises ValueError, or whatever showing it does, where this service could not."""
     if resource.job is not None:
         jobs.show(resource.job)
-    if resource.kind in _SHOWN:
-        _SHOWN[resource.kind](resource)
+    if resource.kind == "batch":
+        batches.members(resource)
     else:
-        computed(VIEWS[resource.kind], resource)
+        SHOWN[resource.kind](resource)
     if resource.job is None or resource.job.state == "succeeded":
         lacking = _FILES.get(resource.kind, frozenset()) - resource.objects.keys()
         if lacking:

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from collections.abc import Sequence
 
-from dynident_service.models.common import plain
+from fastapi import APIRouter
+
 from dynident_service.models.designs import Trajectory
 from dynident_service.models.simulations import Samples, SimulationRequest, SimulationView
-from dynident_service.routes.common import RetryKeyDep, computed, make
-from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import needed_design, needed_robot
+from dynident_service.routes.kept import Kept, asked_for
+from dynident_service.routes.needs import needed_design, needed_robot, resting_on
 from dynident_service.science import importing
-from dynident_service.services import ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+from dynident_service.services import Services
+from dynident_service.storage.records import NewJob, Resource, RestsOn
 
 router = APIRouter(prefix="/v1/simulations", tags=["simulations"])
 
-JOB = NewJob("simulation", "dynident_service.work.simulations:measure_virtual_robot")
-keep(
+
+@asked_for(
     router,
     Kept(
         "simulation",
@@ -26,21 +26,16 @@ keep(
         shown="Show a simulation; its result names the measurement.",
         deleted="Delete a simulation; its measurement stays.",
     ),
+    NewJob("simulation", "dynident_service.work.simulations:measure_virtual_robot"),
 )
-
-
-@router.post("", status_code=202)
-def create_simulation(
-    body: SimulationRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
-) -> SimulationView:
+def create_simulation(services: Services, body: SimulationRequest) -> Sequence[RestsOn]:
     """Have a virtual robot make a motion; it gives a measurement."""
     robot = needed_robot(services, body.robot_id)
     _check(body, robot)
-    needs = [RestsOn(robot.id, "robot", "robot", "/robot_id")]
+    needs = [resting_on(robot)]
     if body.design_id is not None:
         needs.append(needed_design(services, body.design_id, robot))
-    new = NewResource("simulation", plain(body), name=body.name, rests_on=tuple(needs), job=JOB, retry=retry.of(body))
-    return computed(SimulationView, make(services, new, response))
+    return needs
 
 
 def _check(body: SimulationRequest, stored: Resource) -> None:

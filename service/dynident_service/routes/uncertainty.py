@@ -1,17 +1,22 @@
-"""How sure an identified model is: its essential parameters, and what the motion determines only together."""
+"""How sure an identified model is: its essential parameters, what the motion determines only together, its verdict."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request
 
-from dynident_service.models.identifications import CorrelationView, EssentialQuery, EssentialView
+from dynident_service.models.identifications import CorrelationView, EssentialQuery, EssentialView, IdentificationResult
+from dynident_service.models.verdicts import VerdictView
+from dynident_service.problems import ProblemError
 from dynident_service.routes.common import succeeded
+from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.records import Resource
 
 AWAITED = "dynident_service.work.awaited"
+JUDGE = "dynident_service.work.verdicts:judge"
 
 router = APIRouter(prefix="/v1/identifications", tags=["identifications"])
 
@@ -43,3 +48,47 @@ async def model_file(services: Services, identifier: str) -> str:
         return str(services.objects.path(found.objects["model"].key))
 
     return await to_thread.run_sync(find)
+
+
+@router.get("/{identification_id}/verdict")
+async def get_verdict(identification_id: str, request: Request, services: ServicesDep) -> VerdictView:
+    """Say for which uses a model is fit and why or why not; `stop` names the most probable cause of a gross mistake."""
+
+    def find() -> dict[str, Any]:
+        found = succeeded(services.resources.get("identification", identification_id))
+        return {
+            "fitted": [_measurement(services, one) for one in found.all("training")],
+            "held_out": [_measurement(services, one) for one in found.all("validation")],
+        }
+
+    asked = {"model": await model_file(services, identification_id), **await to_thread.run_sync(find)}
+    # A model and its measurements never change, and neither does what is said of them.
+    if (known := services.verdicts.get(identification_id)) is not None:
+        return known
+    judged = await services.awaited.call(request, JUDGE, dict, asked)
+    found = VerdictView.model_validate(judged)
+    services.verdicts.keep(identification_id, found)
+    return found
+
+
+def refuse_stopped(found: Resource) -> None:
+    """Raise a problem 409 for a model whose error says that it is not to be used."""
+    with importing():
+        from dynident.identification.thresholds import STOP
+
+    result = IdentificationResult.model_validate(found.result)
+    errors = [one.relative_total for one in (result.validation, result.residual) if one is not None]
+    worst = max((one for one in errors if one is not None), default=0.0)
+    if worst > STOP:
+        detail = (
+            f"The error of this model is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect "
+            f"(GET /v1/identifications/{found.id}/verdict says what it may be). To export it all the same, say "
+            "anyway=true."
+        )
+        raise ProblemError(409, detail, title="Not fit for use")
+
+
+def _measurement(services: Services, identifier: str) -> dict[str, Any]:
+    found = services.resources.get("measurement", identifier)
+    path = services.objects.path(found.objects["recording"].key)
+    return {"id": found.id, "recording": str(path), "request": dict(found.request)}

@@ -2,38 +2,35 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from collections.abc import Sequence
 
-from dynident_service.models.common import plain
+from fastapi import APIRouter
+
 from dynident_service.models.identifications import StoredIdentification
 from dynident_service.models.validations import ValidationRequest, ValidationView
 from dynident_service.problems import unusable
-from dynident_service.routes.common import RetryKeyDep, computed, make
-from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import needed_measurements, needed_model
+from dynident_service.routes.kept import Kept, asked_for
+from dynident_service.routes.needs import needed_measurements, needed_model, resting_on
 from dynident_service.science import importing
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn
+from dynident_service.services import Services
+from dynident_service.storage.records import NewJob, Resource, RestsOn
 
 router = APIRouter(prefix="/v1/validations", tags=["validations"])
 
-JOB = NewJob("validation", "dynident_service.work.validations:validate_model")
-keep(router, Kept("validation", ValidationView, of="identification"))
 
-
-@router.post("", status_code=202)
-def create_validation(
-    body: ValidationRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
-) -> ValidationView:
+@asked_for(
+    router,
+    Kept("validation", ValidationView, of="identification"),
+    NewJob("validation", "dynident_service.work.validations:validate_model"),
+)
+def create_validation(services: Services, body: ValidationRequest) -> Sequence[RestsOn]:
     """Try an identified model: on its own data, on data it has not seen, or for physical sense."""
     _check_fields(body)
     model = needed_model(services, body.identification_id)
-    needs = (
-        RestsOn(model.id, "identification", "identification", "/identification_id"),
+    return (
+        resting_on(model),
         *_measurements(services, body, model),
     )
-    new = NewResource("validation", plain(body), name=body.name, rests_on=needs, job=JOB, retry=retry.of(body))
-    return computed(ValidationView, make(services, new, response))
 
 
 def _check_fields(body: ValidationRequest) -> None:

@@ -20,8 +20,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from datetime import datetime
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, Literal, Protocol, TypedDict
+from typing import IO, Any, Literal, TypedDict
 
 from sqlalchemy import Table
 
@@ -48,22 +47,6 @@ Row = dict[str, object]
 Content = Literal["everything", "robot"]
 
 
-class Files(Protocol):
-    """Named files, in a folder or in a ZIP."""
-
-    def write(self, name: str) -> AbstractContextManager[IO[bytes]]:
-        """Open a file to write it."""
-
-    def read(self, name: str) -> AbstractContextManager[IO[bytes]]:
-        """Open a file to read it; KeyError or FileNotFoundError where it is not there."""
-
-    def size(self, name: str) -> int | None:
-        """Tell how large a file is; `None` where it is not there."""
-
-    def check(self) -> None:
-        """Raise DynidentError where the files are a trap."""
-
-
 class Folder:
     """Files in a folder, each there under its name once it is whole."""
 
@@ -77,11 +60,11 @@ class Folder:
         return _Whole(path)
 
     def read(self, name: str) -> AbstractContextManager[IO[bytes]]:
-        """Open a file to read it."""
+        """Open a file to read it; FileNotFoundError where it is not there."""
         return (self._path / name).open("rb")
 
     def size(self, name: str) -> int | None:
-        """Tell how large a file is."""
+        """Tell how large a file is; `None` where it is not there."""
         path = self._path / name
         return path.stat().st_size if path.is_file() else None
 
@@ -100,7 +83,7 @@ class Zipped:
         return self._zipped.open(name, "w", force_zip64=True)
 
     def read(self, name: str) -> AbstractContextManager[IO[bytes]]:
-        """Open a file to read it."""
+        """Open a file to read it; KeyError where it is not there."""
         return self._zipped.open(name)
 
     def size(self, name: str) -> int | None:
@@ -119,6 +102,10 @@ class Zipped:
             raise unusable(f"it has {whole} bytes and would be unpacked to {unpacked}")
 
 
+Files = Folder | Zipped
+"""Named files, in a folder or in a ZIP."""
+
+
 class _Whole:
     """A file that gets its name when all of it is on the disk."""
 
@@ -130,7 +117,7 @@ class _Whole:
         self._file = self._unfinished.open("wb")
         return self._file
 
-    def __exit__(self, kind: type[BaseException] | None, _: BaseException | None, __: TracebackType | None) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         with self._file:
             self._file.flush()
             os.fsync(self._file.fileno())

@@ -31,11 +31,11 @@ from dynident_service.storage.backup import (
 )
 from dynident_service.storage.checking import check_rows
 from dynident_service.storage.database import Database
-from dynident_service.storage.identifiers import PREFIXES
+from dynident_service.storage.identifiers import KINDS
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.patience import reason_of
-from dynident_service.storage.reading import OF_JOBS, OF_RESOURCES
-from dynident_service.storage.records import FINAL, Job, Kind, Owned, Resource
+from dynident_service.storage.reading import OF_JOBS, OF_RESOURCES, as_resource
+from dynident_service.storage.records import FINAL, Kind, Owned, Resource
 from dynident_service.storage.tables import DependencyRow, JobEventRow, JobRow, ObjectRow, ResourceRow, table_of
 from dynident_service.storage.tombstones import announce, hold
 
@@ -54,7 +54,6 @@ _MEDIA_TYPE = re.compile(r"[\w.+-]+/[\w.+-]+(; ?[\w-]+=[\w.-]+)*", re.ASCII)
 EVENTS = frozenset({"state", "progress"})
 MOST_FILES = 100_000
 """A robot has a few for each recording and each model."""
-KINDS = {prefix: kind for kind, prefix in PREFIXES.items()}
 
 
 def export_robot(database: Database, objects: ObjectStore, robot_id: str, target: Path) -> Amount:
@@ -86,9 +85,7 @@ def import_robot(
     with files_to_read(source, MOST_FILES) as files:
         with database.engine.connect() as connection:
             robot = str(read_manifest(files, "robot", known_revisions(connection))["subject"])
-            rows: dict[Any, list[_Row]] = {
-                table: list(read_rows(files, table_of(table))) for table in (*(one for one, _ in PARTS), JobEventRow)
-            }
+            rows: dict[Any, list[_Row]] = {table: list(read_rows(files, table_of(table))) for table in TABLES}
             _check(files, rows, robot, look_at)
             known = {row["id"] for row in _of(connection, ResourceRow, ResourceRow.id, _ids(rows[ResourceRow]))}
         new = {row["id"] for row in rows[ResourceRow]} - known
@@ -213,15 +210,11 @@ def _resources(rows: dict[Any, list[_Row]]) -> Iterator[Resource]:
     for row in rows[ObjectRow]:
         one = Owned(row["role"], row["key"], row["size"], row["media_type"])
         owned.setdefault(row["resource_id"], {})[row["role"]] = one
-    jobs: dict[str, Any] = {row["resource_id"]: {name: row.get(name) for name in OF_JOBS} for row in rows[JobRow]}
+    jobs = {row["resource_id"]: row for row in rows[JobRow]}
     for row in rows[ResourceRow]:
-        said: dict[str, Any] = {name: row.get(name) for name in OF_RESOURCES}
-        yield Resource(
-            **{**said, "tags": tuple(said["tags"] or ()), "archived": bool(said["archived"])},
-            rests_on=tuple(sorted(needs.get(row["id"], ()))),
-            objects=owned.get(row["id"], {}),
-            job=Job(**jobs[row["id"]]) if row["id"] in jobs else None,
-        )
+        job = jobs.get(row["id"], {})
+        told = [*(row.get(name) for name in OF_RESOURCES), *(job.get(name) for name in OF_JOBS)]
+        yield as_resource(told, needs.get(row["id"], ()), owned.get(row["id"], {}))
 
 
 def _store(connection: Connection, rows: dict[Any, list[_Row]], new: set[str]) -> int:

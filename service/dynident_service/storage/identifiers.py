@@ -24,6 +24,7 @@ PREFIXES = {
     "batch": "bat",
     "job": "job",
 }
+KINDS = {prefix: kind for kind, prefix in PREFIXES.items()}
 
 
 class _Clock:

@@ -18,6 +18,7 @@ from sqlalchemy.orm import Session
 from dynident_service.problems import Problem, ProblemError, not_found
 from dynident_service.storage import turns
 from dynident_service.storage.database import AT_ONCE, Database, clock
+from dynident_service.storage.reading import OF_JOBS
 from dynident_service.storage.records import FINAL, Job, JobEvent, NewJob, State
 from dynident_service.storage.tables import EVENTS, JOBS, JobRow
 from dynident_service.storage.turns import Claim
@@ -139,32 +140,23 @@ class Ledger:
 
     def fail(self, claim: Claim, problem: Problem) -> None:
         """Finish a job that cannot be done, with the reason."""
-        self._end(claim, "failed", problem)
+        self._if_held(claim, lambda session, _: turns.end(session, claim.job_id, "failed", problem))
 
     def stopped(self, claim: Claim) -> None:
         """Record that a job was stopped as asked."""
-        self._end(claim, "cancelled")
+        self._if_held(claim, lambda session, _: turns.end(session, claim.job_id, "cancelled"))
 
     def lost(self, claim: Claim, reason: str) -> None:
         """Record that a job could not go on through no fault of its own: it is queued again."""
-        with self._database.write() as session:
-            row = turns.find_held(session.connection(), claim)
-            if row is not None:
-                turns.bury(session, row, MOST_LOSSES, reason, losses=1)
+        self._if_held(claim, lambda session, row: turns.bury(session, row, MOST_LOSSES, reason, losses=1))
 
     def died(self, claim: Claim, reason: str) -> None:
         """Record that the process of a job died by itself: it is queued again, unless that happened too often."""
-        with self._database.write() as session:
-            row = turns.find_held(session.connection(), claim)
-            if row is not None:
-                turns.bury(session, row, self._max_attempts, reason, deaths=1)
+        self._if_held(claim, lambda session, row: turns.bury(session, row, self._max_attempts, reason, deaths=1))
 
     def release(self, claim: Claim) -> None:
         """Give a job back that could not be worked on, through no fault of its own."""
-        with self._database.write() as session:
-            row = turns.find_held(session.connection(), claim)
-            if row is not None:
-                turns.requeue(session.connection(), row)
+        self._if_held(claim, lambda session, row: turns.requeue(session.connection(), row))
 
     def cancel(self, job_id: str) -> Job:
         """Ask for a job to be stopped; one that has not begun is cancelled at once, one that ended is left as it is."""
@@ -254,10 +246,11 @@ class Ledger:
             waited = 0.0 if oldest is None else max(0.0, (clock(session) - oldest).total_seconds())
         return Strain(waited, int(deaths or 0), int(losses or 0))
 
-    def _end(self, claim: Claim, state: State, problem: Problem | None = None) -> None:
+    def _if_held(self, claim: Claim, write: Callable[[Session, Row[object]], None]) -> None:
         with self._database.write() as session:
-            if turns.find_held(session.connection(), claim) is not None:
-                turns.end(session, claim.job_id, state, problem)
+            row = turns.find_held(session.connection(), claim)
+            if row is not None:
+                write(session, row)
 
     def _expired_for_long(self, rows: Sequence[Row[Any]]) -> list[Row[Any]]:
         """Those whose leases had run out already when they were looked at before, some time ago."""
@@ -274,19 +267,7 @@ class Ledger:
 
 def as_job(row: JobRow | Row[object]) -> Job:
     """Take a job off its row."""
-    return Job(
-        id=row.id,
-        kind=row.kind,
-        resource_id=row.resource_id,
-        state=cast(State, row.state),
-        fraction=row.fraction,
-        message=row.message,
-        error=row.error,
-        attempt=row.attempt,
-        created_at=row.created_at,
-        started_at=row.started_at,
-        finished_at=row.finished_at,
-    )
+    return Job(*(getattr(row, name) for name in OF_JOBS))
 
 
 def _running(connection: Connection, own: Collection[str] | None) -> int:

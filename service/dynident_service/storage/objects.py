@@ -60,11 +60,6 @@ class ObjectStore:
         obstore.put(self._store, _path(key), file, chunk_size=CHUNK, max_concurrency=2)
         return Stored(key, size, created=True)
 
-    def put_path(self, path: Path) -> Stored:
-        """Store a local file."""
-        with path.open("rb") as file:
-            return self.put_file(file)
-
     def put_bytes(self, content: bytes) -> Stored:
         """Store bytes."""
         return self.put_file(io.BytesIO(content))
@@ -75,10 +70,6 @@ class ObjectStore:
             return int(obstore.head(self._store, _path(key))["size"])
         except FileNotFoundError:
             return None
-
-    def exists(self, key: str) -> bool:
-        """Tell whether an object is there."""
-        return self.size(key) is not None
 
     def get(self, key: str) -> bytes:
         """Read a whole object; a problem if it is missing or not what was put in."""

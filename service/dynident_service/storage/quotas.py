@@ -83,21 +83,16 @@ def acting() -> Account | None:
     return _acting.get()
 
 
-_OF_FILES = RESOURCES.c.kind.in_(SENT)
-_FILES = (
-    select(OBJECTS.c.key, OBJECTS.c.size)
+_OWNED = (
+    select(RESOURCES.c.owner, OBJECTS.c.key, OBJECTS.c.size)
     .join(RESOURCES, RESOURCES.c.id == OBJECTS.c.resource_id)
-    .where(RESOURCES.c.owner == bindparam(_OWNER), _OF_FILES)
-    .distinct()
-    .subquery()
-)
-_BYTES = select(func.coalesce(func.sum(_FILES.c.size), 0))
-_HAS = (
-    select(OBJECTS.c.key)
-    .join(RESOURCES, RESOURCES.c.id == OBJECTS.c.resource_id)
-    .where(RESOURCES.c.owner == bindparam(_OWNER), _OF_FILES, OBJECTS.c.key.in_(bindparam("keys", expanding=True)))
+    .where(RESOURCES.c.kind.in_(SENT))
     .distinct()
 )
+"""The files that were sent, by whose they are; each once, however many resources have it."""
+_OF_ONE = _OWNED.where(RESOURCES.c.owner == bindparam(_OWNER))
+_BYTES = select(func.coalesce(func.sum(_OF_ONE.subquery().c.size), 0))
+_HAS = _OF_ONE.where(OBJECTS.c.key.in_(bindparam("keys", expanding=True))).with_only_columns(OBJECTS.c.key)
 _MEASUREMENTS = select(func.count()).where(RESOURCES.c.owner == bindparam(_OWNER), RESOURCES.c.kind == "measurement")
 _JOBS = select(func.count()).where(JOBS.c.owner == bindparam(_OWNER), JOBS.c.state.in_(UNFINISHED))
 _SIMULATIONS = _JOBS.where(JOBS.c.kind == "simulation")
@@ -115,13 +110,7 @@ def use_of(session: Session, name: str) -> Use:
 
 def uses(session: Session) -> dict[str | None, Use]:
     """Give what each account has that has something; `None` has what belongs to nobody. Reads all rows."""
-    files = (
-        select(RESOURCES.c.owner, OBJECTS.c.key, OBJECTS.c.size)
-        .join(RESOURCES, RESOURCES.c.id == OBJECTS.c.resource_id)
-        .where(_OF_FILES)
-        .distinct()
-        .subquery()
-    )
+    files = _OWNED.subquery()
     unfinished = select(JOBS.c.owner, func.count()).where(JOBS.c.state.in_(UNFINISHED)).group_by(JOBS.c.owner)
     queries: tuple[Select[Any], ...] = (
         select(files.c.owner, func.sum(files.c.size)).group_by(files.c.owner),

@@ -59,14 +59,16 @@ def complete(connection: Connection, rows: Sequence[Row[object]]) -> tuple[Resou
             needs[dependent].append((role, on_id))
         for owner, role, key, size, media_type in connection.execute(_OWNED, those):
             objects[owner][role] = Owned(role, key, size, media_type)
-    return tuple(_resource(row, sorted(needs[one]), objects[one]) for one, row in by_id.items())
+    return tuple(as_resource(row, needs[one], objects[one]) for one, row in by_id.items())
 
 
-def _resource(row: Sequence[Any], needs: Sequence[tuple[str, str]], objects: dict[str, Owned]) -> Resource:
-    own, job = dict(zip(OF_RESOURCES, row, strict=False)), row[len(OF_RESOURCES) :]
+def as_resource(row: Sequence[object], needs: Iterable[tuple[str, str]], objects: dict[str, Owned]) -> Resource:
+    """A resource as its row of `WITH_JOBS` says, with what it rests on and owns."""
+    values: Sequence[Any] = row
+    own, job = dict(zip(OF_RESOURCES, values, strict=False)), values[len(OF_RESOURCES) :]
     return Resource(
-        **{**own, "tags": tuple(own["tags"])},
-        rests_on=tuple(needs),
+        **{**own, "tags": tuple(own["tags"] or ()), "archived": bool(own["archived"])},
+        rests_on=tuple(sorted(needs)),
         objects=objects,
         job=None if job[0] is None else Job(*job),
     )

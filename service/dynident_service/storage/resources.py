@@ -224,6 +224,11 @@ class Resources:
                 announce(session, (key,))
             return self._objects.put_hashed(file, key, size)
 
+    def put_as(self, role: str, content: bytes | Path, media_type: str) -> Owned:
+        """Put bytes or a file as `put` does, to be owned in a role."""
+        stored = self.put(content)
+        return Owned(role, stored.key, stored.size, media_type)
+
 
 def _refuse_while_needed(session: Session, row: ResourceRow) -> None:
     query = (

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dynident.identification import identify_currents
 from dynident.identification.loads.payloads import PLAIN_EFFECTS
-from dynident_service.adapters.current_models import describe_currents
+from dynident_service.adapters.answers import shown
 from dynident_service.adapters.effects import choices_of
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
-from dynident_service.models.current_models import CurrentModelsRequest
+from dynident_service.models.current_models import CurrentModelsRequest, CurrentModelsResult
 from dynident_service.work.means import recordings_by_id, robot_by_id
 
 
@@ -22,4 +22,4 @@ def find_currents(task: Task) -> Outcome:
         effects=choices_of(request.effects) if request.effects else PLAIN_EFFECTS,
         progress=task.progress,
     )
-    return Outcome(plain(describe_currents(found)))
+    return Outcome(plain(shown(CurrentModelsResult, None, joints=found)))

@@ -7,8 +7,7 @@ from dynident.diagnosis import DiagnosisChoices, evidence, examine
 from dynident.diagnosis.changes import together
 from dynident.progress import part
 from dynident_service.adapters.derived import taken
-from dynident_service.adapters.diagnoses import describe_diagnosis
-from dynident_service.adapters.evidence import write_evidence
+from dynident_service.adapters.diagnoses import describe_diagnosis, write_evidence
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
 from dynident_service.models.diagnoses import DiagnosisRequest

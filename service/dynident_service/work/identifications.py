@@ -1,4 +1,4 @@
-"""Jobs that identify a model, add effects to one, or take them out again."""
+"""Jobs that identify a model, add effects to one, or take them out again; and which revision of which file it saw."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dynident_service.adapters.identifications import choices_from_request, desc
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
 from dynident_service.models.identifications import StoredIdentification
+from dynident_service.models.revisions import SeenMeasurement
 from dynident_service.work.means import model_by_id, recordings_by_id, robot_by_id
-from dynident_service.work.seen import seen_measurements
 
 
 def identify_model(task: Task) -> Outcome:
@@ -54,3 +54,27 @@ def _outcome(
     model = task.keep("model", to_bytes(found), "application/vnd.dynident.model+npz")
     described = describe_identification(found, parent_id, parent)
     return Outcome(plain(described.model_copy(update={"measurements": seen_measurements(task)})), (model,))
+
+
+def seen_measurements(task: Task) -> list[SeenMeasurement]:
+    """Tell of all measurements of the identification that a job computes."""
+    request = StoredIdentification.model_validate(task.subject.request)
+    pairs = [("identification", one) for one in request.measurement_ids]
+    return [_seen(task, role, one) for role, one in [*pairs, *(("validation", one) for one in request.validation_ids)]]
+
+
+def _seen(task: Task, role: str, identifier: str) -> SeenMeasurement:
+    found = task.resources.get("measurement", identifier)
+    result = found.result or {}
+    edits = result.get("edits", [])
+    return SeenMeasurement.model_validate(
+        {
+            "id": found.id,
+            "name": found.name,
+            "role": role,
+            "sha256": result.get("sha256", ""),
+            "revision": len(edits),
+            "parent_id": next(iter(found.all("parent")), None),
+            "edits": edits,
+        }
+    )

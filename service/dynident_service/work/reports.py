@@ -14,9 +14,9 @@ from dynident.reports import ReportedRun, ReportedValidation, html_report, pdf_o
 from dynident.reports.stated import MEDIA_TYPES, ReportChoices
 from dynident_service.adapters.answers import show_errors, show_figures
 from dynident_service.adapters.derived import taken
+from dynident_service.adapters.designs import design_of
 from dynident_service.adapters.diagnoses import diagnosis_of
 from dynident_service.adapters.revisions import checks_of, metadata_of, revision_of
-from dynident_service.adapters.stored_designs import design_of
 from dynident_service.adapters.validation_tables import reported
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain

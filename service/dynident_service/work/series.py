@@ -10,11 +10,11 @@ from dynident.diagnosis.series import series as series_of
 from dynident.errors import DynidentError
 from dynident.progress import part
 from dynident.reports.figures.courses import courses_figure
-from dynident_service.adapters.series import describe_series
+from dynident_service.adapters.diagnoses import describe_series
 from dynident_service.jobs.work import Outcome, Task
 from dynident_service.models.common import plain
-from dynident_service.models.series import Day as AskedDay
-from dynident_service.models.series import SeriesRequest
+from dynident_service.models.diagnoses import Day as AskedDay
+from dynident_service.models.diagnoses import SeriesRequest
 from dynident_service.work.means import model_by_id, recordings_by_id
 
 

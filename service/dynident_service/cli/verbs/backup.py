@@ -28,7 +28,7 @@ def backup(
     """
     from dynident_service.storage.backup import back_up
 
-    with _storage(data_dir, must_exist=True) as (database, objects, _):
+    with storage(data_dir, must_exist=True) as (database, objects, _):
         _tell("written", back_up(database, objects, target))
 
 
@@ -39,7 +39,7 @@ def restore(
     """Read a backup into an empty data directory; what was being computed is queued again."""
     from dynident_service.storage.backup import restore as read_back
 
-    with _storage(data_dir, must_exist=False) as (database, objects, scratch):
+    with storage(data_dir, must_exist=False) as (database, objects, scratch):
         _tell("restored", read_back(database, objects, source, scratch))
 
 
@@ -51,7 +51,7 @@ def export_robot(
     """Write a robot with its recordings, models, diagnoses and reports into one file for another service."""
     from dynident_service.storage.bundle import export_robot as write
 
-    with _storage(data_dir, must_exist=True) as (database, objects, _):
+    with storage(data_dir, must_exist=True) as (database, objects, _):
         _tell("written", write(database, objects, robot_id, target))
 
 
@@ -63,14 +63,17 @@ def import_robot(
     from dynident_service.routes.shown import look_at
     from dynident_service.storage.bundle import import_robot as read
 
-    with _storage(data_dir, must_exist=False) as (database, objects, scratch):
+    with storage(data_dir, must_exist=False) as (database, objects, scratch):
         robot_id, amount = read(database, objects, source, scratch, look_at)
         typer.echo(robot_id)
         _tell("imported", amount)
 
 
 @contextmanager
-def _storage(data_dir: Path | None, *, must_exist: bool) -> Iterator[tuple[Database, ObjectStore, Path]]:
+def storage(
+    data_dir: Path | None, *, must_exist: bool, as_it_is: bool = False
+) -> Iterator[tuple[Database, ObjectStore, Path]]:
+    """Open what a service has stored, and a folder for what is read meanwhile; the database is brought up to date."""
     from dynident.errors import DynidentError
     from dynident_service.problems import ProblemError
     from dynident_service.settings import Settings
@@ -84,7 +87,8 @@ def _storage(data_dir: Path | None, *, must_exist: bool) -> Iterator[tuple[Datab
         raise DynidentError(detail, pointer="--data-dir")
     database = Database(settings.database)
     try:
-        migrate(database)
+        if not as_it_is:
+            migrate(database)
         yield database, ObjectStore(settings.objects, settings.cache_dir), settings.uploads_dir
     except ProblemError as error:
         raise DynidentError(error.problem.detail or "", title=error.problem.title) from error

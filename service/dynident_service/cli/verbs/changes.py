@@ -5,27 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import ModelArgument, Reading, Result
-
-_Before = Annotated[
-    list[Path],
-    typer.Option("--before", metavar="FILE", help="Earlier measurement; may be repeated.", show_default=False),
-    TO_READ,
-]
-_After = Annotated[
-    list[Path],
-    typer.Option("--after", metavar="FILE", help="Later measurement; may be repeated.", show_default=False),
-    TO_READ,
-]
+from dynident_service.cli.options import ModelArgument, Reading, Result, of_file
 
 
 def changes(
     model: ModelArgument,
-    before: _Before,
-    after: _After,
+    before: Annotated[list[Path], of_file("--before", help="Earlier measurement; may be repeated."), TO_READ],
+    after: Annotated[list[Path], of_file("--after", help="Later measurement; may be repeated."), TO_READ],
     reading: Reading,
     result: Result,
 ) -> None:
@@ -35,28 +22,17 @@ def changes(
     """
     from dynident.advice import advise
     from dynident.diagnosis import examine
-    from dynident.progress import part
     from dynident_service.adapters.diagnoses import describe_diagnosis
-    from dynident_service.cli import inputs, shown, telling, terminal
-    from dynident_service.models.common import plain
+    from dynident_service.cli import inputs, shown, telling
 
     identification = inputs.model_of(model)
     robot = identification.model.robot
-    with (
-        terminal.progress_bar("compare the days") as progress,
-        inputs.loaded([*before, *after], robot, reading, part(progress, 0.0, 0.3)) as (given, _),
-    ):
-        recordings = inputs.recordings_of(given)
-        examined = examine(
-            identification,
-            recordings[len(before) :],
-            baseline=recordings[: len(before)],
-            progress=part(progress, 0.3, 1.0),
-        )
-        found = advise(examined)
+    with inputs.read("compare the days", [*before, *after], robot, reading, share=0.3) as read:
+        earlier, later = read.recordings[: len(before)], read.recordings[len(before) :]
+        found = advise(examine(identification, later, baseline=earlier, progress=read.progress))
     telling.tell(
         result,
         "diagnosis",
-        lambda: plain(describe_diagnosis(found, robot.name)),
+        lambda: describe_diagnosis(found, robot.name),
         lambda console: shown.show_changes(console, found, robot),
     )

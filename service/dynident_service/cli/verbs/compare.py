@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Json, ModelArgument, Out, Reading, several
+from dynident_service.cli.options import Json, ModelArgument, Out, Reading, several_files
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def compare(
@@ -19,9 +22,8 @@ def compare(
     reading: Reading,
     learnt: Annotated[
         list[Path],
-        several(
+        several_files(
             "--learnt",
-            metavar="FILE",
             help="What the model was identified from; repeat it for more. Tells whether the motion only repeats that.",
         ),
         TO_READ,
@@ -37,29 +39,21 @@ def compare(
     from dynident.diagnosis import judge
     from dynident.progress import part
     from dynident_service.adapters.comparisons import describe_comparison
-    from dynident_service.cli import inputs, shown, tables, terminal
-    from dynident_service.models.common import plain
+    from dynident_service.cli import inputs, shown, tables, telling
 
     identification = inputs.model_of(model)
     if out is not None:
         tables.check_ending(out)
-    with (
-        terminal.progress_bar("compare") as progress,
-        inputs.loaded([measurement], identification.model.robot, reading, part(progress, 0.0, 0.5), learnt) as (
-            given,
-            others,
-        ),
-    ):
-        recording = given[0].recording
-        found = compare_model(identification, recording, part(progress, 0.5, 0.9))
-        judged = judge(found, recording, identification.preprocessing, inputs.recordings_of(others))
+    with inputs.read("compare", [measurement], identification.model.robot, reading, learnt) as read:
+        (recording,) = read.recordings
+        found = compare_model(identification, recording, part(read.progress, 0.0, 0.8))
+        judged = judge(found, recording, identification.preprocessing, read.other_recordings)
     if out is not None:
         tables.write_table(tables.comparison_table(found), out)
-    if as_json:
-        terminal.print_json(plain(describe_comparison(found, judged, True if learnt else None)))
-        return
-    console = terminal.out()
-    shown.show_measurements(console, (), given)
-    shown.show_comparison(console, given[0].recording.name, found, judged)
-    if out is not None:
-        console.print(f"signals written to {out}", markup=False)
+
+    def show(console: Console) -> None:
+        shown.show_measurements(console, (), read.given)
+        shown.show_comparison(console, recording.name, found, judged)
+
+    written = () if out is None else (f"signals written to {out}",)
+    telling.say(as_json, lambda: describe_comparison(found, judged, True if learnt else None), show, *written)

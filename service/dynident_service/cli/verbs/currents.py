@@ -29,10 +29,9 @@ def currents(
     """
     from dynident.identification import identify_currents
     from dynident.identification.loads.payloads import PLAIN_EFFECTS
-    from dynident.progress import part
-    from dynident_service.adapters.current_models import describe_currents
-    from dynident_service.cli import inputs, shown, telling, terminal
-    from dynident_service.models.common import plain
+    from dynident_service.adapters.answers import shown as in_contract
+    from dynident_service.cli import inputs, shown, telling
+    from dynident_service.models.current_models import CurrentModelsResult
 
     machine = inputs.robot_of(robot, reading)
     unknown = all(drive.gain is None for drive in machine.drives)
@@ -40,27 +39,16 @@ def currents(
         # Then "torque" is the current itself.
         machine = inputs.with_gains(machine, ",".join("1" * machine.n))
     chosen = inputs.effects_of(effects, machine) or PLAIN_EFFECTS
-    with (
-        terminal.progress_bar("currents") as progress,
-        inputs.loaded(measurements, machine, reading, part(progress, 0.0, 0.5), validation) as (
-            training,
-            held_out,
-        ),
-    ):
-        found = identify_currents(
-            machine,
-            inputs.recordings_of(training),
-            inputs.recordings_of(held_out),
-            effects=chosen,
-            progress=part(progress, 0.5, 1.0),
-        )
-    checked = (_unscaled(training), _unscaled(held_out)) if unknown else (training, held_out)
+    with inputs.read("currents", measurements, machine, reading, validation) as read:
+        training, held_out = read.recordings, read.other_recordings
+        found = identify_currents(machine, training, held_out, effects=chosen, progress=read.progress)
+    checked = (_unscaled(read.given), _unscaled(read.others)) if unknown else (read.given, read.others)
 
     def show(console: Console) -> None:
         shown.show_measurements(console, *checked)
         _show(console, found)
 
-    telling.tell(result, "parameters", lambda: plain(describe_currents(found)), show)
+    telling.tell(result, "parameters", lambda: in_contract(CurrentModelsResult, None, joints=found), show)
 
 
 def _unscaled(measurements: Sequence[Loaded]) -> list[Loaded]:

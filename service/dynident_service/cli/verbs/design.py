@@ -10,8 +10,8 @@ import typer
 
 from dynident.excitation.request import DesignRequest
 from dynident_service.cli.asked import Asks, Typed
-from dynident_service.cli.files import FOLDER_TO_READ, TO_READ
-from dynident_service.cli.options import Effects, Json, RobotArgument, RobotReading
+from dynident_service.cli.files import FOLDER_TO_READ
+from dynident_service.cli.options import Effects, Json, RobotArgument, RobotReading, SomeFile, SomeFiles, of_file
 
 
 @dataclass(frozen=True)
@@ -19,22 +19,18 @@ class Beside:
     """What a design takes from files."""
 
     limits: Annotated[
-        Path | None,
-        typer.Option(
+        SomeFile,
+        of_file(
             "--limits",
-            metavar="FILE",
             help='Tighter limits for this experiment, JSON: {"joint": {"position": [lo, hi], "velocity": …}}.',
         ),
-        TO_READ,
     ] = None
     surroundings: Annotated[
-        Path | None,
-        typer.Option(
+        SomeFile,
+        of_file(
             "--surroundings",
-            metavar="FILE",
             help='What not to touch, JSON: {"floor": z, "boxes": […], "walls": […], "tool_range": {…}, …}.',
         ),
-        TO_READ,
     ] = None
     meshes: Annotated[
         list[Path] | None,
@@ -42,18 +38,13 @@ class Beside:
         FOLDER_TO_READ,
     ] = None
     diagnosis: Annotated[
-        Path | None,
-        typer.Option(
-            "--diagnosis",
-            metavar="FILE",
-            help="Design the next experiment that a diagnosis proposes (`dynident diagnose --out`).",
+        SomeFile,
+        of_file(
+            "--diagnosis", help="Design the next experiment that a diagnosis proposes (`dynident diagnose --out`)."
         ),
-        TO_READ,
     ] = None
     earlier: Annotated[
-        list[Path] | None,
-        typer.Option("--earlier", metavar="FILE", help="Measurement that the experiment complements; may be repeated."),
-        TO_READ,
+        SomeFiles, of_file("--earlier", help="Measurement that the experiment complements; may be repeated.")
     ] = None
 
 
@@ -73,9 +64,8 @@ def design(
     The options about columns, units, windows, checks and drive gains are for the measurements of --earlier.
     """
     from dynident.excitation import design_experiment
-    from dynident.progress import part
     from dynident_service.adapters.designs import describe_design
-    from dynident_service.cli import inputs, tables, terminal
+    from dynident_service.cli import inputs, tables, telling, terminal
     from dynident_service.cli.designing import (
         limits_of,
         proposed_design,
@@ -83,7 +73,6 @@ def design(
         surroundings_of,
         warn_of_unchecked,
     )
-    from dynident_service.models.common import plain
 
     tables.check_ending(out, tables.TRAJECTORY_ENDINGS)
     machine = inputs.robot_of(robot, reading)
@@ -94,19 +83,9 @@ def design(
         torque_margin=wanted.torque_margin,
         surroundings=surroundings_of(beside.surroundings, beside.meshes or []),
     )
-    with (
-        terminal.progress_bar("design") as progress,
-        inputs.loaded(beside.earlier or [], machine, reading, part(progress, 0.0, 0.1)) as (
-            runs,
-            _,
-        ),
-    ):
-        found = design_experiment(machine, request, part(progress, 0.1, 1.0), inputs.recordings_of(runs))
+    with inputs.read("design", beside.earlier or [], machine, reading, share=0.1) as read:
+        found = design_experiment(machine, request, read.progress, read.recordings)
     tables.write_trajectory(found, out)
     warn_of_unchecked(terminal.err(), found)
-    if as_json:
-        terminal.print_json(plain(describe_design(found)))
-        return
-    console = terminal.out()
-    show_design(console, found)
-    console.print(f"trajectory written to {out}", markup=False)
+    described, written = lambda: describe_design(found), f"trajectory written to {out}"
+    telling.say(as_json, described, lambda console: show_design(console, found), written)

@@ -22,29 +22,24 @@ def diagnose(
     """
     from dynident.advice import advise
     from dynident.diagnosis import examine
-    from dynident.progress import part
     from dynident_service.adapters.diagnoses import describe_diagnosis
-    from dynident_service.cli import inputs, shown, telling, terminal
-    from dynident_service.models.common import plain
+    from dynident_service.cli import inputs, shown, telling
 
     identification = inputs.model_of(model)
     robot = identification.model.robot
     choices = asked.request(DiagnosisChoices)
-    with (
-        terminal.progress_bar("diagnose") as progress,
-        inputs.loaded(measurements, robot, reading, part(progress, 0.0, 0.3)) as (given, _),
-    ):
+    with inputs.read("diagnose", measurements, robot, reading, share=0.3) as read:
         examined = examine(
             identification,
-            inputs.recordings_of(given),
+            read.recordings,
             candidates=choices.candidates,
             most_effects=choices.max_effects,
-            progress=part(progress, 0.3, 1.0),
+            progress=read.progress,
         )
         found = advise(examined)
     telling.tell(
         result,
         "diagnosis",
-        lambda: plain(describe_diagnosis(found, robot.name)),
+        lambda: describe_diagnosis(found, robot.name),
         lambda console: shown.show_diagnosis(console, found, robot),
     )

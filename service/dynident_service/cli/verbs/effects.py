@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from dynident_service.cli.options import Json
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
 
 def effects(as_json: Json = False) -> None:
     """List the effects that models are made of."""
     from dynident.effects import CATALOGUE
-    from dynident_service.adapters.effects import catalogue
-    from dynident_service.cli import terminal
-    from dynident_service.models.common import plain
+    from dynident_service.cli import telling, terminal
 
-    if as_json:
-        terminal.print_json(plain(catalogue()))
-        return
     rows = [
         [
             effect.id,
@@ -25,4 +25,11 @@ def effects(as_json: Json = False) -> None:
         for effect in CATALOGUE.values()
     ]
     columns = ("effect", "what it is", "parameters", "what it leaves in the residual")
-    terminal.out().print(terminal.table("", columns, rows, right_from=len(columns)))
+    table = terminal.table("", columns, rows, right_from=len(columns))
+
+    def described() -> BaseModel:
+        from dynident_service.adapters.catalogue import catalogue
+
+        return catalogue()
+
+    telling.say(as_json, described, lambda console: console.print(table))

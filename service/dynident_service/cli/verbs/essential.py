@@ -22,13 +22,12 @@ def essential(
     from dynident.identification.study.essential import essential_parameters
     from dynident_service.adapters.identifications import describe_essential
     from dynident_service.cli import inputs, shown, telling
-    from dynident_service.models.common import plain
 
     found = essential_parameters(inputs.model_of(model), asked.request(EssentialChoices).ratio)
     telling.tell(
         result,
         "model",
-        lambda: plain(describe_essential(found)),
+        lambda: describe_essential(found),
         lambda console: shown.show_essential(console, found),
         lambda: to_bytes(found.identification),
     )

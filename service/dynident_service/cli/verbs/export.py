@@ -27,7 +27,7 @@ def export(
     from dynident.export import export_model
     from dynident.identification.thresholds import STOP
     from dynident.verdict import is_stopped
-    from dynident_service.cli import inputs, terminal
+    from dynident_service.cli import files, inputs, telling
 
     chosen = format or ENDINGS.get(out.suffix.lower() if out is not None else "", "")
     if not chosen:
@@ -47,12 +47,7 @@ def export(
         detail = error.detail.replace("(nearest)", "(--nearest)")
         raise DynidentError(detail, pointer="--format", title=error.title) from error
     path = Path(file.name) if out is None else out
-    inputs.write_whole(path, file.content)
-    if as_json:
-        document = {"path": str(path), "size": len(file.content), "media_type": file.media_type}
-        terminal.print_json({**document, "notes": list(file.notes)})
-        return
-    console = terminal.out()
-    for note in file.notes:
-        console.print(f"note: {note}", markup=False)
-    console.print(f"{chosen} written to {path} ({len(file.content) / 1e3:.1f} kB)", markup=False)
+    files.write_whole(path, file.content)
+    document = {"path": str(path), "size": len(file.content), "media_type": file.media_type, "notes": list(file.notes)}
+    notes, written = (f"note: {note}" for note in file.notes), f"{chosen} written to {path}"
+    telling.say(as_json, lambda: document, lambda _: None, *notes, f"{written} ({len(file.content) / 1e3:.1f} kB)")

@@ -13,7 +13,15 @@ from dynident.identification.choices import IdentificationChoices
 from dynident.recordings.stated import PreprocessingChoices
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Effects, Measurements, Result, RobotArgument, RobotReading, Validation, several
+from dynident_service.cli.options import (
+    Effects,
+    Measurements,
+    Result,
+    RobotArgument,
+    RobotReading,
+    Validation,
+    several_files,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,9 +39,8 @@ class Beside:
     effects: Effects
     friction: Annotated[
         list[Path],
-        several(
+        several_files(
             "--friction",
-            metavar="FILE",
             help="Measurement at constant velocities, for the strategy separate_friction; may be repeated.",
         ),
         TO_READ,
@@ -60,34 +67,20 @@ def identify(
     from dynident.effects import DEFAULT_EFFECTS
     from dynident.identification import identify as identify_model
     from dynident.identification import to_bytes
-    from dynident.progress import part
     from dynident.recordings import preprocessing_from_request
     from dynident.verdict import verdict
-    from dynident_service.cli import inputs, parsing, shown, shown_verdicts, telling, terminal
+    from dynident_service.cli import inputs, parsing, shown, telling
 
     machine = inputs.robot_of(robot, reading)
     chosen = inputs.effects_of(beside.effects, machine) or DEFAULT_EFFECTS
     unfiltered = asked.request(IdentificationChoices, effects=chosen)
-    with (
-        terminal.progress_bar("identify") as progress,
-        inputs.loaded(
-            [*measurements, *beside.friction],
-            machine,
-            reading,
-            part(progress, 0.0, 0.5),
-            beside.validation,
-            beside.friction,
-        ) as (
-            training,
-            held_out,
-        ),
-    ):
+    everything = [*measurements, *beside.friction]
+    with inputs.read("identify", everything, machine, reading, beside.validation, beside.friction) as read:
         wanted = parsing.preprocessing_request(beside.preprocessing)
-        recordings = inputs.recordings_of(training)
+        recordings, tried = read.recordings, read.other_recordings
         filters = None if wanted == "auto" else preprocessing_from_request(wanted, recordings)
         choices = replace(unfiltered, preprocessing=filters)
-        tried = inputs.recordings_of(held_out)
-        found = identify_model(machine, recordings, tried, choices, part(progress, 0.5, 1.0))
+        found = identify_model(machine, recordings, tried, choices, read.progress)
         judged = verdict(found, recordings, tried)
 
     def described() -> dict[str, object]:
@@ -101,15 +94,15 @@ def identify(
             "verdict": plain(show_verdict(judged)),
             "measurements": [
                 {"name": item.recording.name, "checks": [plain(check) for check in show_checks(item.checks)]}
-                for item in [*training, *held_out]
+                for item in [*read.given, *read.others]
             ],
         }
 
     def show(console: Console) -> None:
-        shown.show_measurements(console, training, held_out)
+        shown.show_measurements(console, read.given, read.others)
         shown.show_identification(console, found)
-        shown_verdicts.show_verdict(console, judged)
+        shown.show_verdict(console, judged)
 
     telling.tell(result, "model", described, show, lambda: to_bytes(found))
     if judged.stop is not None:
-        raise typer.Exit(shown_verdicts.STOPPED)
+        raise typer.Exit(shown.STOPPED)

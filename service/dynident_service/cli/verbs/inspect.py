@@ -12,6 +12,8 @@ from dynident_service.cli.files import A_ROBOT, TO_READ
 from dynident_service.cli.options import Beside, Json, Out
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from dynident.identification.imports import Inspection
 
 
@@ -40,7 +42,7 @@ def inspect(
     --out writes the proposal as JSON; `dynident identify --metadata` takes it.
     """
     from dynident.identification.imports import inspect_file
-    from dynident_service.cli import inputs, metadata, terminal
+    from dynident_service.cli import files, inputs, metadata, telling
 
     machine = None if robot is None else inputs.robot_of(robot, beside_it)
     found = inspect_file(file, machine)
@@ -49,11 +51,9 @@ def inspect(
             metadata.as_proposed(file, found, has_gains=True)
         if out is not None:
             document = json.dumps(metadata.proposed(found), indent=2, ensure_ascii=False)
-            inputs.write_whole(out, f"{document}\n".encode())
-    if as_json:
-        terminal.print_json(_document(found))
-        return
-    _show(found, out)
+            files.write_whole(out, f"{document}\n".encode())
+    written = () if out is None or found.proposal is None else (f"proposal written to {out}",)
+    telling.say(as_json, lambda: _document(found), lambda console: _show(console, found), *written)
 
 
 def _document(found: Inspection) -> dict[str, Any]:
@@ -62,22 +62,19 @@ def _document(found: Inspection) -> dict[str, Any]:
     return describe_inspection(found, found.sha256).model_dump(mode="json")
 
 
-def _show(found: Inspection, out: Path | None) -> None:
+def _show(console: Console, found: Inspection) -> None:
     from dynident_service.cli import terminal
 
-    console = terminal.out()
-    console.print(f"{found.format}, {len(found.columns)} columns, {found.n_rows_seen} rows looked at", markup=False)
+    console.print(f"{found.format}, {len(found.columns)} columns, {found.n_rows_seen} rows looked at")
     if found.proposal is None:
-        console.print(", ".join(found.columns), markup=False, soft_wrap=True)
-        console.print("Say whose recording it is, --robot ROBOT, to have the columns told.", markup=False)
+        console.print(", ".join(found.columns), soft_wrap=True)
+        console.print("Say whose recording it is, --robot ROBOT, to have the columns told.")
         return
     rows = [[one.field, one.value, f"{one.confidence:.0%}", one.reason] for one in found.proposal.guesses]
     table = terminal.table("", ("field", "guess", "sure", "why"), rows, right_from=4)
     console.print(table)
     for one in found.proposal.questions:
         choices = f" ({', '.join(one.choices[:8])})" if one.choices else ""
-        console.print(f"? {one.field}: {one.detail}{choices}", markup=False, soft_wrap=True)
+        console.print(f"? {one.field}: {one.detail}{choices}", soft_wrap=True)
     if not found.proposal.questions:
-        console.print("Nothing is to be answered: identify with --as-proposed.", markup=False)
-    if out is not None:
-        console.print(f"proposal written to {out}", markup=False)
+        console.print("Nothing is to be answered: identify with --as-proposed.")

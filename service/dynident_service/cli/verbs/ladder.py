@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import Json, ModelArgument
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def ladder(
@@ -23,24 +26,26 @@ def ladder(
     """Show the models that led to one, and their errors; which predicts held-out data best, and where that rises."""
     from dynident.errors import DynidentError
     from dynident_service.adapters.lineages import beside, rungs_of
-    from dynident_service.cli import inputs, shown_ladders, terminal
-    from dynident_service.models.common import plain
+    from dynident_service.cli import inputs, shown, telling
     from dynident_service.models.identifications import Lineage
 
     found = inputs.model_of(model)
     other = None if against is None else inputs.model_of(against)
     if other is not None and other.model.robot.joint_names != found.model.robot.joint_names:
         raise DynidentError(f"{against} is a model of another robot", pointer="--against", title="Another robot")
-    if as_json:
+
+    def described() -> Lineage:
         own = rungs_of(found, model.stem)
         if other is None or against is None:
-            terminal.print_json(plain(Lineage(items=own)))
-            return
+            return Lineage(items=own)
         known = (one.data for top in (found, other) for one in top.ladder())
         data = {(one.measurement_names, one.validation_names) for one in known}
-        terminal.print_json(plain(beside(own, rungs_of(other, against.stem, (found, model.stem)), len(data) == 1)))
-        return
-    if other is None or against is None:
-        shown_ladders.show_ladder(terminal.out(), found)
-    else:
-        shown_ladders.show_ladders(terminal.out(), (model.stem, found), (against.stem, other))
+        return beside(own, rungs_of(other, against.stem, (found, model.stem)), len(data) == 1)
+
+    def show(console: Console) -> None:
+        if other is None or against is None:
+            shown.show_ladder(console, found)
+        else:
+            shown.show_ladders(console, (model.stem, found), (against.stem, other))
+
+    telling.say(as_json, described, show)

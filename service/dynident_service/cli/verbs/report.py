@@ -10,24 +10,26 @@ import typer
 
 from dynident.reports.stated import MEDIA_TYPES, ReportChoices
 from dynident_service.cli.asked import Asks, Typed
-from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Json, Measurements, ModelArgument, Reading, Validation
+from dynident_service.cli.options import (
+    Json,
+    Measurements,
+    ModelArgument,
+    Reading,
+    SomeFile,
+    SomeFiles,
+    Validation,
+    of_file,
+)
 
 
 @dataclass(frozen=True)
 class _Shown:
     """What else the report shows."""
 
-    diagnosis: Annotated[
-        Path | None, typer.Option("--diagnosis", metavar="FILE", help="What `dynident diagnose --out` wrote."), TO_READ
-    ] = None
-    validated: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--validated", metavar="FILE", help="What `dynident validate --out` wrote; repeat it.", show_default=False
-        ),
-        TO_READ,
-    ] = None
+    diagnosis: Annotated[SomeFile, of_file("--diagnosis", help="What `dynident diagnose --out` wrote.")] = None
+    validated: Annotated[SomeFiles, of_file("--validated", help="What `dynident validate --out` wrote; repeat it.")] = (
+        None
+    )
 
 
 def report(
@@ -46,7 +48,7 @@ def report(
     from dynident.progress import part
     from dynident.reports import html_report, pdf_of
     from dynident_service.adapters.validation_tables import reported
-    from dynident_service.cli import inputs, terminal
+    from dynident_service.cli import files, inputs, telling
     from dynident_service.cli.reporting import reported_runs
     from dynident_service.cli.validating import stored_validation
 
@@ -56,19 +58,12 @@ def report(
     found = inputs.stored_diagnosis(shown.diagnosis) if shown.diagnosis is not None else None
     joints = identification.model.robot.joint_names
     validations = [reported(stored_validation(path), joints) for path in shown.validated or []]
-    with (
-        terminal.progress_bar("report") as progress,
-        inputs.loaded(measurements, identification.model.robot, reading, part(progress, 0.0, 0.4), validation) as (
-            training,
-            held_out,
-        ),
-    ):
-        runs = reported_runs(identification, training, held_out, part(progress, 0.4, 0.7))
-        progress(0.7, "drawing")
+    with inputs.read("report", measurements, identification.model.robot, reading, validation, share=0.4) as read:
+        runs = reported_runs(identification, read.given, read.others, part(read.progress, 0.0, 0.5))
+        read.progress(0.5, "drawing")
         page = html_report(identification, runs, diagnosis=found, validations=validations, title=choices.name)
         content = pdf_of(page) if prints else page.encode()
-    inputs.write_whole(out, content)
-    if as_json:
-        terminal.print_json({"path": str(out), "size": len(content), "media_type": MEDIA_TYPES[choices.format]})
-        return
-    terminal.out().print(f"report written to {out} ({len(content) / 1e6:.2f} MB)", markup=False)
+    files.write_whole(out, content)
+    document = {"path": str(out), "size": len(content), "media_type": MEDIA_TYPES[choices.format]}
+    written = f"report written to {out} ({len(content) / 1e6:.2f} MB)"
+    telling.say(as_json, lambda: document, lambda _: None, written)

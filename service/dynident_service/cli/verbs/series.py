@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Json, ModelArgument, Reading
+from dynident_service.cli.options import Json, ModelArgument, Reading, of_file
 
 
 def series(
@@ -21,23 +21,15 @@ def series(
     reading: Reading,
     keep: Annotated[
         Path | None,
-        typer.Option(
-            "--keep",
-            metavar="FILE",
-            help="Where days are kept: those in it come first and are not read again, new ones are added.",
-            show_default=False,
+        of_file(
+            "--keep", help="Where days are kept: those in it come first and are not read again, new ones are added."
         ),
     ] = None,
     figure: Annotated[
         Path | None,
         typer.Option("--figure", metavar="FILE.svg", help="Every parameter's course, drawn.", show_default=False),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", metavar="FILE", help="Every parameter's course, as .csv or .parquet.", show_default=False
-        ),
-    ] = None,
+    out: Annotated[Path | None, of_file("--out", help="Every parameter's course, as .csv or .parquet.")] = None,
     as_json: Json = False,
 ) -> None:
     """Say what has changed in a robot over many days, and from which day on.
@@ -48,10 +40,9 @@ def series(
     from dynident.diagnosis.series import series as series_of
     from dynident.progress import part
     from dynident.reports.figures.courses import courses_figure
-    from dynident_service.adapters.series import describe_series
-    from dynident_service.cli import inputs, shown_series, tables, terminal
+    from dynident_service.adapters.diagnoses import describe_series
+    from dynident_service.cli import files, inputs, shown, tables, telling, terminal
     from dynident_service.cli.kept_days import days_of
-    from dynident_service.models.common import plain
 
     identification = inputs.model_of(model)
     if out is not None:
@@ -60,16 +51,15 @@ def series(
         measure, measured = days_of(identification, days, reading, keep, part(progress, 0.0, 0.5))
         found = series_of(measure, measured, part(progress, 0.5, 1.0))
     if keep is not None:
-        inputs.write_whole(keep, days_to_bytes(measure, measured))
+        files.write_whole(keep, days_to_bytes(measure, measured))
     if figure is not None:
-        inputs.write_whole(figure, str(courses_figure(found)).encode())
+        files.write_whole(figure, str(courses_figure(found)).encode())
     if out is not None:
         tables.write_table(tables.courses_table(found), out)
-    if as_json:
-        terminal.print_json(plain(describe_series(found)))
-        return
-    console = terminal.out()
-    shown_series.show_series(console, found, identification.model.robot)
-    for path, what in ((keep, f"{len(measured)} days kept in"), (figure, "drawn in"), (out, "courses written to")):
-        if path is not None:
-            console.print(f"{what} {path}", markup=False)
+    told = ((keep, f"{len(measured)} days kept in"), (figure, "drawn in"), (out, "courses written to"))
+    telling.say(
+        as_json,
+        lambda: describe_series(found),
+        lambda console: shown.show_series(console, found, identification.model.robot),
+        *(f"{what} {path}" for path, what in told if path is not None),
+    )

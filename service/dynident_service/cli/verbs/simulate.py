@@ -10,8 +10,7 @@ import typer
 
 from dynident.simulation.stated import Simulated
 from dynident_service.cli.asked import Asks, Typed
-from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Beside, Json, RobotArgument, several
+from dynident_service.cli.options import Beside, Json, RobotArgument, SomeFile, of_file, several
 
 
 def simulate(
@@ -29,14 +28,12 @@ def simulate(
     asked: Annotated[Typed, Asks(Simulated, but=("effects", "sampling_rate"))],
     rate: Annotated[float, typer.Option("--rate", help="Sampling rate of the sensors in Hz.")] = 500.0,
     trajectory: Annotated[
-        Path | None,
-        typer.Option(
+        SomeFile,
+        of_file(
             "--trajectory",
-            metavar="FILE",
             help="What `dynident design` wrote: t, q_<joint>… and, unless they are to follow from q, dq_… and ddq_…. "
             "A random motion otherwise.",
         ),
-        TO_READ,
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The measurement, .csv or .parquet.")] = Path(
         "measurement.csv"
@@ -48,8 +45,7 @@ def simulate(
     from dynident.simulation import beside, measurement_table, simulation_of, true_effects
     from dynident.simulation import simulate as simulate_robot
     from dynident_service.adapters.simulations import describe_simulation
-    from dynident_service.cli import inputs, tables, terminal, virtual
-    from dynident_service.models.common import plain
+    from dynident_service.cli import inputs, tables, telling, terminal, virtual
 
     tables.check_ending(out)
     machine = inputs.robot_of(robot, beside_it)
@@ -60,14 +56,14 @@ def simulate(
         usual = simulation_of(stated, machine, reference, rate)
         found = simulate_robot(machine, replace(usual, effects=beside(usual.effects, hidden)), part(progress, 0.2, 1.0))
     tables.write_table(measurement_table(found), out)
-    if as_json:
-        terminal.print_json(plain(describe_simulation(found, rate)))
-        return
-    console = terminal.out()
     rows = [
         [joint.name, f"{found.noise[j]:.3g} {joint.effort_unit}", f"{found.tracking_error[j]:.2g}"]
         for j, joint in enumerate(machine.joints)
     ]
     columns = ("joint", "torque noise, standard deviation", "largest distance from the trajectory (rad or m)")
-    console.print(terminal.table("", columns, rows))
-    console.print(f"{found.n_samples} samples at {rate:g} Hz written to {out}", markup=False)
+    telling.say(
+        as_json,
+        lambda: describe_simulation(found, rate),
+        lambda console: console.print(terminal.table("", columns, rows)),
+        f"{found.n_samples} samples at {rate:g} Hz written to {out}",
+    )

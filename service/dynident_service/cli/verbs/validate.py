@@ -11,7 +11,7 @@ import typer
 from dynident.validation.request import TRIALS, Stated, trial_of
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import ModelArgument, Reading, Result, Validation
+from dynident_service.cli.options import ModelArgument, Reading, Result, SomeFiles, Validation, of_file
 
 
 @dataclass(frozen=True)
@@ -28,23 +28,12 @@ class Beside:
             show_default=False,
         ),
     ] = None
-    unloaded: Annotated[
-        list[Path] | None,
-        typer.Option("--unloaded", metavar="FILE", help="For payload: runs without the load.", show_default=False),
-        TO_READ,
-    ] = None
+    unloaded: Annotated[SomeFiles, of_file("--unloaded", help="For payload: runs without the load.")] = None
 
 
 def validate(
     model: ModelArgument,
-    kind: Annotated[
-        str,
-        typer.Argument(
-            metavar="KIND",
-            help=f"One of: {TRIALS.told()}.",
-            show_default=False,
-        ),
-    ],
+    kind: Annotated[str, typer.Argument(metavar="KIND", help=f"One of: {TRIALS.told()}.", show_default=False)],
     asked: Annotated[Typed, Asks(Stated)],
     beside: Beside,
     reading: Reading,
@@ -65,13 +54,10 @@ def validate(
     Ends with pass, fail or not evaluated and the reason; exit code 1 after fail. --out writes the result as JSON.
     """
     from dynident.errors import DynidentError
-    from dynident.progress import part
-    from dynident_service.cli import inputs, shown_validations, telling, terminal, validating
-    from dynident_service.cli import methods as by_name
-    from dynident_service.models.common import plain
+    from dynident_service.cli import inputs, shown_validations, telling, validating
 
     identification = inputs.model_of(model)
-    stated: Any = asked.request(Stated, methods=by_name.methods_of(beside.methods or []))
+    stated: Any = asked.request(Stated, methods=validating.methods_of(beside.methods or []))
     try:
         trial = trial_of(kind, {one.name: getattr(stated, one.name) for one in fields(stated)})
     except DynidentError as error:
@@ -81,16 +67,12 @@ def validate(
     others = [*beside.validation, *(beside.unloaded or [])]
     validating.check(trial, len(given), len(others))
     robot = identification.model.robot
-    with (
-        terminal.progress_bar("validate") as progress,
-        inputs.loaded(given, robot, reading, part(progress, 0.0, 0.3), others) as (tried, held_out),
-    ):
-        recordings, rest = inputs.recordings_of(tried), inputs.recordings_of(held_out)
-        found = validating.run(identification, trial, recordings, rest, part(progress, 0.3, 1.0))
+    with inputs.read("validate", given, robot, reading, others, share=0.3) as read:
+        found = validating.run(identification, trial, read.recordings, read.other_recordings, read.progress)
     telling.tell(
         result,
         "result",
-        lambda: plain(found),
+        lambda: found,
         lambda console: shown_validations.show_validation(console, found, robot),
     )
     if found.verdict == "fail":

@@ -1,0 +1,23 @@
+"""The catalogue of effects, for the contract."""
+
+from __future__ import annotations
+
+from dynident.effects import CATALOGUE, Effect
+from dynident_service.adapters.answers import shown
+from dynident_service.models import effects as wire
+
+
+def catalogue() -> wire.Catalogue:
+    """Show all effects."""
+    return wire.Catalogue(items=[_effect(effect) for effect in CATALOGUE.values()])
+
+
+def _effect(effect: Effect) -> wire.EffectView:
+    parameters = [
+        shown(wire.EffectParameter, one, prismatic_unit=one.unit_on("prismatic")) for one in effect.parameters
+    ]
+    shapes = [
+        shown(wire.ShapeParameter, one, words=[wire.ShapeWord(value=value, word=word) for value, word in one.words])
+        for one in effect.shapes
+    ]
+    return shown(wire.EffectView, effect, parameters=parameters, shape_parameters=shapes)
