@@ -6,7 +6,8 @@ from fastapi import APIRouter, Response
 
 from dynident.errors import DynidentError
 from dynident_service.models.common import plain
-from dynident_service.models.drive_gains import DriveGainsRequest, DriveGainsView
+from dynident_service.models.drive_gains import DriveGainsRequest, DriveGainsResult, DriveGainsView
+from dynident_service.models.tables import Table
 from dynident_service.problems import unusable
 from dynident_service.routes.common import RetryKeyDep, computed, make
 from dynident_service.routes.kept import Kept, keep
@@ -18,6 +19,16 @@ from dynident_service.storage.records import NewJob, NewResource, Resource, Rest
 router = APIRouter(prefix="/v1/drive_gains", tags=["drive gains"])
 
 JOB = NewJob("drive_gains", "dynident_service.work.drive_gains:find_gains")
+
+
+def _tables(_: Services, found: Resource) -> list[Table]:
+    with importing():
+        from dynident_service.adapters.drive_gains import gain_tables
+        from dynident_service.adapters.tables import show_tables
+
+    return show_tables(gain_tables(DriveGainsResult.model_validate(found.result)))
+
+
 keep(
     router,
     Kept(
@@ -28,6 +39,7 @@ keep(
         words="drive gains",
         shown="Show drive gains, with the result once there is one.",
         deleted="Delete drive gains; the robot keeps those that it states.",
+        tables=_tables,
     ),
 )
 

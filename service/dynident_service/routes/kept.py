@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query
 
 from dynident_service.models.common import Computed, Page
+from dynident_service.models.tables import Table
 from dynident_service.routes.common import ListQueryDep, computed, page_of
-from dynident_service.services import ServicesDep
-from dynident_service.storage.records import Kind
+from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.records import Kind, Resource
 
 
 @dataclass(frozen=True)
@@ -19,6 +21,7 @@ class Kept:
 
     `of` is the kind that each of them rests on, and its list may be asked for; `several` and `one` are in the names of
     the operations, `words`, `shown` and `deleted` in their descriptions: what is not given follows from the kind.
+    `tables` has the figures of one that was computed as tables, if it can be shown so.
     """
 
     kind: Kind
@@ -29,6 +32,7 @@ class Kept:
     words: str = ""
     shown: str = ""
     deleted: str = ""
+    tables: Callable[[Services, Resource], list[Table]] | None = None
 
 
 VIEWS: dict[Kind, type[Computed[Any, Any]]] = {}
@@ -43,7 +47,9 @@ def keep(router: APIRouter, kept: Kept) -> None:
         return page_of(services, kept.kind, query, lambda one: computed(kept.view, one), on_id)
 
     def shown(identifier: str, services: ServicesDep) -> object:
-        return computed(kept.view, services.resources.get(kept.kind, identifier))
+        found = services.resources.get(kept.kind, identifier)
+        tabled = {} if kept.tables is None or found.result is None else {"tables": kept.tables(services, found)}
+        return computed(kept.view, found, **tabled)
 
     def deleted(identifier: str, services: ServicesDep) -> None:
         services.resources.delete(kept.kind, identifier)

@@ -6,7 +6,8 @@ from fastapi import APIRouter, Response
 
 from dynident_service.models.common import plain
 from dynident_service.models.identifications import StoredIdentification
-from dynident_service.models.validations import ValidationRequest, ValidationView
+from dynident_service.models.tables import Table
+from dynident_service.models.validations import ValidationRequest, ValidationResult, ValidationView
 from dynident_service.problems import unusable
 from dynident_service.routes.common import RetryKeyDep, computed, make
 from dynident_service.routes.kept import Kept, keep
@@ -18,7 +19,19 @@ from dynident_service.storage.records import NewJob, NewResource, Resource, Rest
 router = APIRouter(prefix="/v1/validations", tags=["validations"])
 
 JOB = NewJob("validation", "dynident_service.work.validations:validate_model")
-keep(router, Kept("validation", ValidationView, of="identification"))
+
+
+def _tables(services: Services, found: Resource) -> list[Table]:
+    with importing():
+        from dynident_service.adapters.tables import show_tables
+        from dynident_service.adapters.validation_tables import tables_of
+
+    model = services.resources.get("identification", found.one("identification"))
+    joints = [] if model.result is None else model.result["joints"]
+    return show_tables(tables_of(ValidationResult.model_validate(found.result), joints))
+
+
+keep(router, Kept("validation", ValidationView, of="identification", tables=_tables))
 
 
 @router.post("", status_code=202)

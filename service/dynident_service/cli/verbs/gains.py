@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,8 +15,7 @@ from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import Json, Measurements, RobotArgument, RobotReading, several
 
 if TYPE_CHECKING:
-    from dynident.identification import DriveGains as Gains
-    from dynident.identification import PayloadEstimate
+    pass
 
 
 def gains(
@@ -61,7 +59,7 @@ def gains(
     """
     from dynident.identification import identify_gains, payload_mass
     from dynident.progress import part
-    from dynident_service.adapters.drive_gains import describe_gains
+    from dynident_service.adapters.drive_gains import describe_gains, gain_tables
     from dynident_service.cli import inputs, terminal
     from dynident_service.models.common import plain
 
@@ -84,32 +82,13 @@ def gains(
         other, bare = rest[len(loaded) :][: len(weigh)], rest[len(loaded) + len(weigh) :]
         loads = [(one.name, payload_mass(machine, bare or unloaded, one, gains=found)) for one in other]
         progress(1.0, "solved")
+    described = describe_gains(machine, found, [(name, name, load) for name, load in loads])
     if as_json:
-        described = describe_gains(machine, found, [(name, name, load) for name, load in loads])
         terminal.print_json(plain(described))
-    else:
-        _show(found, loads)
-
-
-def _show(found: Gains, loads: Sequence[tuple[str, PayloadEstimate]]) -> None:
-    from dynident.reports.numbers import estimate, number
-    from dynident_service.cli import terminal
-
+        return
     console = terminal.out()
-    rows = [
-        [name, number(stated, 4), *estimate(value, 1.96 * deviation), "yes" if known else "no"]
-        for name, stated, value, deviation, known in zip(
-            found.joint_names, found.stated, found.values, found.standard_deviations, found.identifiable, strict=True
-        )
-    ]
-    console.print(terminal.table("", ("joint", "stated", "gain", "± 95 %", "identifiable"), rows))
+    terminal.print_tables(console, gain_tables(described))
     said = ",".join(f"{value:.4g}" for value in found.values)
     console.print(f"To identify with them: --drive-gains {said}", markup=False, soft_wrap=True)
-    if loads:
-        weighed = [
-            [name, *estimate(load.mass, 1.96 * load.standard_deviation), "yes" if load.identifiable else "no"]
-            for name, load in loads
-        ]
-        console.print(terminal.table("", ("load", "kg", "± 95 %", "shows at all"), weighed))
     for warning in found.warnings:
         console.print(f"! {warning}", markup=False)

@@ -67,8 +67,5 @@ function fillEvidence(cell, model, one, signal) {
     one.significant ? null : h("p", {}, `Not significant (t = ${number(one.t_value)}, p = ${pValue(one.p_value)}): add it only if you know that it is there.`),
     h("div", { class: "two" }, figure, aboutEffect(model.effects, one.effect, formula)),
   );
-  // Effects far down the list have no figure.
-  drawEvidence(figure, model.diagnosis, one.rank, signal).catch((error) => {
-    if (!signal.aborted) put(figure, h("p", { class: "note" }, error.message));
-  });
+  drawEvidence(figure, model.diagnosis, one.rank, signal);
 }

@@ -2,7 +2,7 @@
 
 import { aboutEffect, placeOf, shapeInWords, titleOf } from "./catalogue.js";
 import { addButton } from "./candidates.js";
-import { h, put } from "./dom.js";
+import { h } from "./dom.js";
 import { drawEvidence } from "./evidence.js";
 import { percent, pValue } from "./format.js";
 import { formula } from "./formula.js";
@@ -20,9 +20,7 @@ function card(model, one, add, signal) {
   const shape = shapeInWords(model.effects, one);
   const figure = h("div", { class: "chart" });
   const rivals = one.equivalent.map((id) => titleOf(model.effects, id)).join(", ");
-  drawEvidence(figure, model.diagnosis, one.rank, signal).catch((error) => {
-    if (!signal.aborted) put(figure, h("p", { class: "note" }, error.message));
-  });
+  drawEvidence(figure, model.diagnosis, one.rank, signal);
   return h(
     "article",
     { class: "card", "data-effect": one.effect, "aria-label": title },

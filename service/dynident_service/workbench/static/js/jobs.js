@@ -52,6 +52,23 @@ export async function computed(path, resource, onChange = () => {}, signal = und
   throw new ProblemError({ title: "Cancelled", detail: "The job was cancelled before it ended." });
 }
 
+/** The same, while `place` shows how far it is; it is empty afterwards. `onChange` is told, too. */
+export async function awaited(path, resource, label, place, signal = undefined, onChange = () => {}) {
+  const bar = progressBar(resource.job_id, label);
+  if (!ENDED.has(resource.status)) put(place, bar.element);
+  const seen = (state) => {
+    bar.update(state);
+    onChange(state);
+  };
+  return computed(path, resource, seen, signal).finally(() => put(place));
+}
+
+/** The newest of a list that is done or on its way, of those that fit; undefined where there is none. */
+export async function newestOf(path, query, signal = undefined, fits = () => true) {
+  const { items } = await get(path, { limit: 20, ...query }, signal);
+  return items.find((one) => !["failed", "cancelled"].includes(one.status) && fits(one));
+}
+
 /** Stop a job. */
 export function cancel(jobId) {
   return post(`/jobs/${jobId}/cancel`, {});

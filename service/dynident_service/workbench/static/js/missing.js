@@ -8,7 +8,7 @@ import { choiceInWords, placeOf, shapeInWords, titleOf } from "./catalogue.js";
 import { announce, h, put, row, section, table } from "./dom.js";
 import { percent } from "./format.js";
 import { effectCards } from "./effect_cards.js";
-import { computed, progressBar } from "./jobs.js";
+import { awaited } from "./jobs.js";
 import { nextRung } from "./next_rung.js";
 import { pressed, problemBox, showInForm } from "./problem.js";
 
@@ -20,37 +20,23 @@ const HEADLINES = {
 
 /** Follows the diagnosis; Diagnose asks for a new one. */
 export function missingSection(model, signal) {
-  const button = h("button", { type: "button", class: "main", id: "diagnose", onclick: () => diagnose() }, "Diagnose");
+  const button = h("button", { type: "button", class: "main", id: "diagnose", onclick: () => runPressed(post("/diagnoses", { identification_id: model.id })) }, "Diagnose");
   const said = h("div");
   const body = h("div", { id: "diagnosis" });
   const add = (effects, from) => extend(model, effects, from ?? said, signal);
 
-  async function run(diagnosis) {
-    await pressed(button, async () => {
-      const bar = progressBar(diagnosis.job_id, "Diagnosing");
-      put(said, bar.element);
-      const found = await computed("/diagnoses", diagnosis, bar.update, signal);
-      put(said);
-      model.setDiagnosis(found);
-      announce(`${HEADLINES[found.result.verdict]}. ${found.result.summary}`);
-    }, (error) => put(said, problemBox(error)), signal);
-  }
-
-  async function diagnose() {
-    button.disabled = true;
-    try {
-      await run(await post("/diagnoses", { identification_id: model.id }));
-    } catch (error) {
-      put(said, problemBox(error));
-      button.disabled = false;
-    }
-  }
+  const run = async (diagnosis) => {
+    const found = await awaited("/diagnoses", await diagnosis, "Diagnosing", said, signal);
+    model.setDiagnosis(found);
+    announce(`${HEADLINES[found.result.verdict]}. ${found.result.summary}`);
+  };
+  const runPressed = (diagnosis) => pressed(button, () => run(diagnosis), (error) => put(said, problemBox(error)), signal);
 
   const follow = () => {
     const { diagnosis } = model;
     if (!diagnosis) return;
     if (diagnosis.status === "succeeded") put(body, whole(model, add, signal));
-    else run(diagnosis);
+    else runPressed(diagnosis);
   };
   model.addEventListener("diagnosis", follow);
   follow();
@@ -58,7 +44,7 @@ export function missingSection(model, signal) {
     h("p", { class: "actions" }, button, h("span", { class: "note" }, "holds every effect of the catalogue against what the model leaves unexplained")),
     said,
     body,
-    changesForm(model, async (asked) => run(await post("/diagnoses", asked)), signal),
+    changesForm(model, async (asked) => runPressed(await post("/diagnoses", asked)), signal),
     addByHand(model, add),
   );
 }

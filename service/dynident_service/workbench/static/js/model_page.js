@@ -9,7 +9,7 @@ import { errorsSection } from "./errors.js";
 import { exportLinks } from "./exports.js";
 import { failureSection } from "./failure.js";
 import { counted, moment, number, percent, quantity } from "./format.js";
-import { computed, ENDED, progressBar } from "./jobs.js";
+import { awaited, ENDED } from "./jobs.js";
 import { ladderSection, stepInWords } from "./ladder.js";
 import { takeNote } from "./location.js";
 import { methodInWords, methods } from "./methods.js";
@@ -68,9 +68,9 @@ function tabOf(wanted) {
 }
 
 async function wait(target, identification, signal) {
-  const bar = progressBar(identification.job_id, "Identifying");
-  put(target, h("h1", {}, identification.name || "A new model"), bar.element);
-  const found = await computed("/identifications", identification, bar.update, signal).catch((error) => {
+  const place = h("div");
+  put(target, h("h1", {}, identification.name || "A new model"), place);
+  const found = await awaited("/identifications", identification, "Identifying", place, signal).catch((error) => {
     if (error.status === undefined) throw error;
     return get(`/identifications/${identification.id}`, {}, signal);
   });
@@ -139,9 +139,7 @@ async function makeReport(model, format, ways, button, said) {
     const diagnosis = model.diagnosis?.status === "succeeded" ? model.diagnosis.id : null;
     const validations = await newestValidations(model, ways.validations);
     const made = await post("/reports", { identification_id: model.id, diagnosis_id: diagnosis, validation_ids: validations, format, name: nameOf(model) });
-    const bar = progressBar(made.job_id, "Writing the report");
-    put(said, bar.element);
-    const { result } = await computed("/reports", made, bar.update);
+    const { result } = await awaited("/reports", made, "Writing the report", said);
     const open = apiKey.get()
       ? h("button", { type: "button", onclick: async () => save(await content(result.href), `${model.id}.${format}`) }, "Save the report")
       : h("a", { href: result.href, target: "_blank", rel: "noopener" }, "Open the report");

@@ -3,7 +3,7 @@
 import { CompareStack } from "./compare/stack.js";
 import { field, h, numeric, put, row, section, select, table } from "./dom.js";
 import { number, percent, positionUnit, quantity } from "./format.js";
-import { computed, progressBar } from "./jobs.js";
+import { awaited } from "./jobs.js";
 import { address, remember } from "./location.js";
 import { problemBox } from "./problem.js";
 
@@ -26,7 +26,8 @@ export function torqueSection(model, signal) {
     put(source, h("a", { href: address({ view: "recording", measurement: wanted }) }, "its signals, windows and checks"));
     put(body, h("p", { class: "note" }, "Comparing …"));
     try {
-      const comparison = await compared(model, wanted, body, signal);
+      const asked = await model.comparedWith(wanted, signal);
+      const comparison = asked.status === "succeeded" ? asked : await awaited("/comparisons", asked, "Comparing", body, signal);
       if (signal.aborted || wanted !== model.measurement) return;
       put(worst);
       put(body, figures.element, worst);
@@ -62,17 +63,6 @@ export function torqueSection(model, signal) {
     h("div", { class: "bar-of-fields" }, field("Measurement", measurement), source, joints),
     body,
   );
-}
-
-async function compared(model, measurement, target, signal) {
-  const found = await model.comparedWith(measurement, signal);
-  if (found.status === "succeeded") return found;
-  const bar = progressBar(found.job_id, "Comparing");
-  const show = (seen) => {
-    if (!bar.element.isConnected) put(target, bar.element);
-    bar.update(seen);
-  };
-  return computed("/comparisons", found, show, signal);
 }
 
 function jointButton(model, joint) {

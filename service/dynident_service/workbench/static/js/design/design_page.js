@@ -3,7 +3,7 @@
 import { get } from "../api.js";
 import { announce, field, h, put, right, row, select, table } from "../dom.js";
 import { moment, number } from "../format.js";
-import { computed, progressBar } from "../jobs.js";
+import { awaited } from "../jobs.js";
 import { address, go } from "../location.js";
 import { problemBox } from "../problem.js";
 import { descent } from "./descent.js";
@@ -59,13 +59,11 @@ async function onePage(target, id, signal) {
   document.title = `${title}: dynident`;
   const body = h("div");
   const course = descent(first.job_id, signal);
-  const bar = progressBar(first.job_id, "Designing");
   put(target, h("p", {}, h("a", { href: address({ view: "design", robot: robot.id }) }, "← All designs of this robot")), h("h1", {}, title),
     h("p", { class: "note" }, `${robot.name}; ${moment(first.created_at)}`), body, course.element, again(robot, first));
   try {
-    if (first.status !== "succeeded") put(body, bar.element);
-    const design = first.status === "succeeded" ? first : await computed("/designs", first, bar.update, signal);
-    if (design !== first) announce("The design is there");
+    const design = await awaited("/designs", first, "Designing", body, signal);
+    if (first.status !== "succeeded") announce("The design is there");
     course.end(design.result);
     await designResult(body, design, robot, signal);
   } catch (error) {
