@@ -35,7 +35,7 @@ _ANSWERS = {
     "diagnoses": ("DiagnosisResult", "Evidence", "SeriesResult"),
     "identifications": (
         *("CorrelationView", "CurrentModelsResult", "EssentialView", "IdentificationResult", "Lineage"),
-        *("ReportResult", "VerdictView"),
+        *("ReportResult", "Tables", "VerdictView"),
     ),
     "resources": (
         *("Catalogue", "CheckView", "GeometryView", "Health", "JointView", "MeshesView", "Problem", "QuestionView"),

@@ -68,6 +68,7 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.identifications.compare_lineages("x1", "x2"),
         lambda c: c.identifications.export("x1"),
         lambda c: c.identifications.verdict("x1"),
+        lambda c: c.identifications.tables("x1"),
         lambda c: c.comparisons.create("i1", "m1"),
         lambda c: c.comparisons.series("x1", "elbow", start=1.0, end=2.0),
         lambda c: c.comparisons.residual_map("x1", "elbow", "q_elbow"),

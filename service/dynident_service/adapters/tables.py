@@ -10,10 +10,9 @@ from dynident_service.models.tables import Table, TableColumn
 
 
 def show_tables(found: Iterable[ReportedTable]) -> list[Table]:
-    """Show tables; a column holds figures where any of its cells is one."""
+    """Show tables."""
     return [shown(Table, one, columns=_columns(one)) for one in found]
 
 
 def _columns(found: ReportedTable) -> list[TableColumn]:
-    figures = (any(row[k].value is not None for row in found.rows) for k in range(len(found.columns)))
-    return [TableColumn(word=word, figures=is_one) for word, is_one in zip(found.columns, figures, strict=True)]
+    return [TableColumn(word=word, figures=found.is_figures(k)) for k, word in enumerate(found.columns)]

@@ -15,6 +15,7 @@ from dynident_service.models.common import Asked, At, Computed, EffectChoice, Id
 from dynident_service.models.derived import asks, query_of
 from dynident_service.models.labels import Labelled
 from dynident_service.models.revisions import SeenMeasurement
+from dynident_service.models.tables import Table
 
 JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]
 SHAPE_JUDGEMENTS = Literal[
@@ -214,6 +215,7 @@ class EssentialView(Shown):
     parameters: list[ParameterView] = Field(description="Estimated anew with the others at zero")
     residual: Annotated[ErrorsView, At("identification.fit")]
     validation: Annotated[ErrorsView | None, At("identification.held_out")]
+    tables: list[Table] = Field(description="The steps and the parameters as tables for people")
 
 
 class CorrelationView(Shown):

@@ -34,6 +34,12 @@ class Table(Shown):
     groups: list[str] = Field(description="The heading that each row stands under; [] where there are none")
 
 
+class Tables(Shown):
+    """Several tables."""
+
+    items: list[Table]
+
+
 class Tabled(Shown):
     """What may be shown as tables."""
 

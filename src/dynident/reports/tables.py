@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Literal
 
@@ -14,15 +14,16 @@ Mark = Literal["ok", "warning", "error", "plain"]
 
 @dataclass(frozen=True)
 class Cell:
-    """What stands in one place: words, the exact value where they are of a figure, and how good the news is.
+    """What stands in one place: words, the exact value where they are of one figure, and how good the news is.
 
-    `note` is what more there is to say to who asks.
+    `note` is what more there is to say, `is_figures` says of words that they are of several figures.
     """
 
     text: str
     value: float | None = None
     mark: Mark | None = None
     note: str = ""
+    is_figures: bool = False
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,16 @@ class ReportedTable:
     rows: tuple[tuple[Cell, ...], ...]
     numbers_from: int = 1
     groups: tuple[str, ...] = ()
+
+    def without(self, *columns: str) -> ReportedTable:
+        """The same without some of its columns, each of them behind the first figures."""
+        kept = [k for k, column in enumerate(self.columns) if column not in columns]
+        rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[k] for k in kept), rows=rows)
+
+    def is_figures(self, column: int) -> bool:
+        """Whether a column holds figures, or intervals of them."""
+        return any(row[column].value is not None or row[column].is_figures for row in self.rows)
 
     @property
     def texts(self) -> list[list[str]]:
@@ -69,4 +80,4 @@ def interval(ends: tuple[float | None, float | None] | None, absent: str = "–"
     """Both ends of an interval; `absent` where there is none."""
     if ends is None or any(end is None or not isfinite(end) for end in ends):
         return Cell(absent)
-    return Cell(" to ".join(number(end) for end in ends))
+    return Cell(" to ".join(number(end) for end in ends), is_figures=True)

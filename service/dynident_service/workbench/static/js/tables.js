@@ -12,6 +12,6 @@ export function shownTable({ title, columns, rows, groups }, props = {}) {
 }
 
 function shownCell({ text, value, mark, note }) {
-  const shown = value === null ? text : h("data", { value }, text);
-  return mark || note ? h("span", { class: mark ? `mark ${mark}` : null, title: note }, shown) : shown;
+  const words = value === null ? text : h("data", { value }, text);
+  return [mark ? h("span", { class: `mark ${mark}` }, words) : words, note ? h("small", { class: "note" }, h("br"), note) : null];
 }
