@@ -38,7 +38,17 @@ _ANSWERS = {
         *("ReportResult", "Tables", "VerdictView"),
     ),
     "resources": (
-        *("Catalogue", "CheckView", "GeometryView", "Health", "JointView", "MeshesView", "Problem", "QuestionView"),
+        *(
+            "Catalogue",
+            "CheckView",
+            "GeometryView",
+            "Health",
+            "JointView",
+            "MeshesView",
+            "PosesView",
+            "Problem",
+            "QuestionView",
+        ),
         *("RawSignals", "Readiness", "Standstills", "UsageView"),
     ),
     "validations": ("DriveGainsResult", "ValidationResult"),

@@ -42,6 +42,7 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.robots.create("a", urdf="<robot/>"),
         lambda c: list(c.robots.bundle("x1")),
         lambda c: c.robots.geometry("x1"),
+        lambda c: c.robots.poses("x1", [[0.1, 0.2]]),
         lambda c: c.robots.put_meshes("x1", {"one.stl": file}),
         lambda c: c.measurements.standstills("x1"),
         lambda c: c.imports.upload("r1", file),

@@ -43,7 +43,7 @@ def tables_of(result: ValidationResult, joints: Sequence[str]) -> Iterator[Repor
             f"The worst posture that was found, of {result.postures_tried}", ("joint", "rad or m"), posture
         )
     yield from _methods(result.methods, each)
-    if result.simulations:
+    if any(one.torque is not None for one in result.simulations):
         followed = tuple(
             (Cell(one.name), figure(one.duration, unit="s"), *_relative(one.torque, len(joints)))
             for one in result.simulations

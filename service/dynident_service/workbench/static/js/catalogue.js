@@ -36,7 +36,7 @@ export function choiceInWords(effects, choice, all = []) {
 }
 
 /** What a value of a shape constant means that is a choice between kinds; null where it is a number. */
-export function kindInWords(effects, effect, name, value) {
+function kindInWords(effects, effect, name, value) {
   const words = effects.byId.get(effect)?.shape_parameters.find((one) => one.name === name)?.words ?? [];
   return words.find((one) => Math.abs(one.value - value) < 0.5)?.word ?? null;
 }
@@ -58,9 +58,7 @@ export function aboutEffect(effects, id, formula) {
   if (!effect) return null;
   const others = effect.confused_with.map((one) => titleOf(effects, one)).join(", ");
   const parameters = [...effect.parameters, ...effect.shape_parameters];
-  return h(
-    "dl",
-    { class: "facts" },
+  return h("dl", { class: "facts" },
     h("dt", {}, "Formula"),
     h("dd", {}, formula(effect.formula)),
     h("dt", {}, "Leaves in the residual"),

@@ -2,7 +2,7 @@
 
 import { get } from "./api.js";
 import { placeOf, titleOf } from "./catalogue.js";
-import { h, numeric, put, right, row, table } from "./dom.js";
+import { figures, h, listed, numeric, put, right, row, table } from "./dom.js";
 import { interval, number, pValue, percent } from "./format.js";
 import { orSay, sending } from "./problem.js";
 import { usesOf } from "./uses.js";
@@ -42,17 +42,16 @@ function changedTable(model, result) {
 function frictionTable(result) {
   if (!result.friction?.length) return null;
   const reach = Math.max(1e-9, ...result.friction.filter((one) => one.before > 0).flatMap(shares).map(Math.abs));
-  const rows = result.friction.map((one) => row([
-    h("code", {}, one.joint),
-    { class: "n", text: `${number(one.speed)} ${one.unit === "N" ? "m/s" : "rad/s"}` },
-    numeric(number(one.before), one.before),
-    numeric(number(one.value), one.value),
-    { class: "n", text: interval(...one.interval, one.unit) },
-    numeric(one.before > 0 ? percent(one.value / one.before) : "–", one.value / one.before),
-    one.before > 0 ? spanOf(one, reach) : "",
-  ]));
-  const head = ["joint", right("at a speed of"), right("before"), right("difference"), right("95 % interval"), right("of what it was"), `−${percent(reach)} to +${percent(reach)}`];
-  return h("div", { id: "friction-since" }, table("Friction of each joint since the baseline, a finding or not", head, rows));
+  const columns = [
+    ["joint", (one) => h("code", {}, one.joint)],
+    [right("at a speed of"), (one) => ({ class: "n", text: `${number(one.speed)} ${one.unit === "N" ? "m/s" : "rad/s"}` })],
+    figures("before", (one) => one.before, (value) => number(value)),
+    figures("difference", (one) => one.value, (value) => number(value)),
+    [right("95 % interval"), (one) => ({ class: "n", text: interval(...one.interval, one.unit) })],
+    figures("of what it was", (one) => (one.before > 0 ? one.value / one.before : null), (value) => percent(value)),
+    [`−${percent(reach)} to +${percent(reach)}`, (one) => (one.before > 0 ? spanOf(one, reach) : "")],
+  ];
+  return h("div", { id: "friction-since" }, listed("Friction of each joint since the baseline, a finding or not", columns, result.friction));
 }
 
 function shares(one) {

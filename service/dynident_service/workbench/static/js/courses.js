@@ -1,7 +1,7 @@
 // One parameter day by day, with its intervals.
 
 import { lastAsked } from "./api.js";
-import { h, put, select } from "./dom.js";
+import { h, select } from "./dom.js";
 import { number, quantity } from "./format.js";
 import { colour, figure, onColours } from "./plots.js";
 

@@ -4,7 +4,8 @@ import { post } from "./api.js";
 import { announce, field, h, put } from "./dom.js";
 import { moment, quantity } from "./format.js";
 import { awaited, newestOf } from "./jobs.js";
-import { complaint, orSay, pressed, problemBox, sending } from "./problem.js";
+import { complaint, orSay, sending } from "./problem.js";
+import { robotWith, withDrives } from "./recordings/robot_facts.js";
 import { shownTable } from "./tables.js";
 import { usesOf } from "./uses.js";
 
@@ -40,9 +41,7 @@ export function driveGainsPanel(robot, onRobot, signal) {
     announce("The drive gains are there");
   }, signal);
   const wait = async (made) => put(result, found(robot, await awaited("/drive_gains", made, "drive gains", result, signal), onRobot));
-  const form = h(
-    "form",
-    { onsubmit: send },
+  const form = h("form", { onsubmit: send },
     h("p", { class: "note" }, "The same motion without and with a load whose mass is known tells what torque a current makes: the drive gains, by total least squares."),
     h("fieldset", {}, h("legend", {}, "Measurements"), uses.element),
     h("div", { class: "fields" }, field("Mass of the known load (kg)", mass, { pointer: "/mass" }), field("Its centre x, y, z (m)", centre, { pointer: "/centre", hint: "In the last joint's frame." })),
@@ -72,16 +71,8 @@ function found(robot, one, onRobot) {
 }
 
 function takeOver(robot, gains, onRobot) {
-  const said = h("div");
-  const button = h("button", { type: "button", onclick: () => make() }, "Make a robot with these drive gains");
-  const make = async () => {
-    await pressed(button, async () => {
-      const drives = Object.fromEntries(gains.map((gain) => [gain.joint, { drive_gain: gain.drive_gain }]));
-      onRobot(await post("/robots", { ...robot.request, meshes_of: robot.id, name: `${robot.name} with identified drive gains`.slice(0, 200), drives: { ...robot.request.drives, ...drives } }));
-      announce("The robot with these drive gains is chosen");
-    }, (error) => put(said, problemBox(error)));
-  };
-  return [h("p", { class: "actions" }, button, h("span", { class: "note" }, "Then upload the recordings for it: stored ones keep the gains that they were read with.")), said];
+  const drives = Object.fromEntries(gains.map((gain) => [gain.joint, { drive_gain: gain.drive_gain }]));
+  return robotWith(null, () => withDrives(robot, "with identified drive gains", drives), "Make a robot with these drive gains", onRobot);
 }
 
 /** "0, 0, 0.1" as numbers; what is no number is left for the service to complain of. */

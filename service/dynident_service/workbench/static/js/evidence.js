@@ -1,12 +1,23 @@
 // The figure behind a ranked effect: the residual over what the effect depends on, and the fitted effect over it.
 
 import { get, lastAsked } from "./api.js";
+import { aboutEffect, titleOf } from "./catalogue.js";
 import { h, put } from "./dom.js";
 import { number, percent } from "./format.js";
+import { formula } from "./formula.js";
 import { colour, drawn, figure } from "./plots.js";
 
+/** What the data say of a candidate, what they cannot tell it from, the figure that shows it, and what it is. */
+export function evidenceOf(model, one, signal) {
+  const figure = h("div", { class: "chart" });
+  const rivals = one.equivalent.map((id) => titleOf(model.effects, id)).join(", ");
+  drawEvidence(figure, model.diagnosis, one.rank, signal);
+  const words = [h("p", {}, one.evidence), rivals ? h("p", { class: "box warning" }, `This data cannot tell it apart from: ${rivals}.`) : null];
+  return { words, figure, about: aboutEffect(model.effects, one.effect, formula) };
+}
+
 /** Draw the figure of a candidate; with several joints, that of the joint which it explains most of, and a choice. */
-export function drawEvidence(target, diagnosis, rank, until) {
+function drawEvidence(target, diagnosis, rank, until) {
   const place = h("div", { class: "chart" });
   const choices = h("div", { class: "choices", role: "group", "aria-label": "Joint of the figure" });
   const drawing = lastAsked(until);

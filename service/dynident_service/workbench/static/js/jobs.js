@@ -75,7 +75,7 @@ export function cancel(jobId) {
 }
 
 /** A bar that shows how far a job is, with a button that stops it. */
-export function progressBar(jobId, label) {
+function progressBar(jobId, label) {
   const bar = h("progress", { max: 1, value: 0, "aria-label": label });
   const words = h("span", { class: "note" }, "waiting");
   const stop = h("button", { type: "button", class: "small", onclick: () => halt() }, "Cancel");
@@ -93,6 +93,16 @@ export function progressBar(jobId, label) {
     words.textContent = state === "queued" ? "queued" : `${percent(fraction, 2)} ${message}`;
   };
   return { element, update };
+}
+
+/** What is sent and answered at once, with a button that gives it up, shown in `place`: { signal, stop, bar, how }. */
+export function givenUp(words, place) {
+  const given = new AbortController();
+  const bar = h("progress", { max: 1, "aria-label": words });
+  const how = h("span", { class: "note" });
+  const stop = () => given.abort();
+  put(place, h("div", { class: "progress" }, h("span", {}, words), bar, how, h("button", { type: "button", class: "small", onclick: stop }, "Cancel")));
+  return { signal: given.signal, stop, bar, how };
 }
 
 /** Tell a listener whenever a job began, moved or ended, whoever asked for it; until `signal` aborts. */

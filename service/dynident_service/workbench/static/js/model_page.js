@@ -2,7 +2,7 @@
 
 import { content, get, post, apiKey } from "./api.js";
 import { choiceInWords, placeOf, titleOf } from "./catalogue.js";
-import { announce, h, put } from "./dom.js";
+import { announce, h, put, tiles } from "./dom.js";
 import { dataSection } from "./data.js";
 import { daysSection } from "./days.js";
 import { errorsSection } from "./errors.js";
@@ -92,9 +92,7 @@ function nameOf(model) {
 
 function header(model, ways) {
   const { identification: found, result } = model;
-  return h(
-    "section",
-    { "aria-label": "Model" },
+  return h("section", { "aria-label": "Model" },
     h("h1", {}, nameOf(model)),
     h("p", { class: "note" }, `${model.robot.name}, ${counted(model.joints.length, "joint")}; ${moment(found.created_at)}; `,
       `${methodInWords(ways, found.request)}; ${filters(result.preprocessing)}`),
@@ -106,14 +104,12 @@ function header(model, ways) {
 
 function figures({ result }) {
   const { residual, validation } = result;
-  const tiles = [
-    ["held-out error", percent(validation?.relative_total), validation ? "all joints" : "no validation data", "held_out"],
-    ["error of the fit", percent(residual.relative_total), "all joints", "fit"],
+  return tiles([
+    ["held-out error", percent(validation?.relative_total), validation ? "all joints" : "no validation data", "tile-held_out"],
+    ["error of the fit", percent(residual.relative_total), "all joints", "tile-fit"],
     ["base parameters", String(result.parameters.length), `${result.parameters.filter((one) => one.well_identified).length} determined by the data`],
     ["condition number of W", number(result.condition_number), counted(result.n_equations, "equation")],
-  ];
-  return h("dl", { class: "tiles" }, tiles.map(([name, value, more, id]) =>
-      h("div", {}, h("dt", {}, name), h("dd", { class: "value", id: id ? `tile-${id}` : null }, value), h("dd", { class: "note" }, more))));
+  ]);
 }
 
 function filters(used) {

@@ -17,6 +17,11 @@ export function axis(label, side) {
   return { label, side, stroke: colour("soft"), grid, ticks: { ...grid, size: 4 }, font: FONT, labelFont: FONT, labelSize: 18, size };
 }
 
+/** An axis of time, or without words where that of the figure beneath has them. */
+export function timeAxis(label) {
+  return label ? axis(label, 2) : { ...axis("", 2), label: null, values: (_, splits) => splits.map(() => ""), size: 6 };
+}
+
 /** A uPlot that keeps to the width of its target until `signal` aborts. */
 export function plot(target, options, data, signal) {
   const width = () => Math.max(240, Math.floor(target.clientWidth));

@@ -6,9 +6,7 @@ import { checksTable } from "./checks.js";
 /** A box that says what is wrong; with `again`, a button that tries once more. */
 export function problemBox(error, again = null) {
   const details = (error.fields ?? []).filter((field) => field.detail !== error.message);
-  return h(
-    "div",
-    { class: "box error", role: "alert" },
+  return h("div", { class: "box error", role: "alert" },
     h("p", {}, h("strong", {}, `${error.title ?? "The page failed"}. `), error.message),
     details.length ? h("ul", {}, details.map((one) => h("li", {}, place(one), one.detail))) : null,
     error.dependents?.length ? h("p", {}, `Rests on it: ${error.dependents.map((one) => one.id).join(", ")}`) : null,

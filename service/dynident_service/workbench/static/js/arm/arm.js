@@ -1,13 +1,12 @@
 // The arm in motion: drawn from the geometry that the API gives, turned by dragging, with a slider of time.
 
-import { get } from "../api.js";
+import { get, post } from "../api.js";
 import { h, put } from "../dom.js";
 import { quantity } from "../format.js";
 import { onColours } from "../plots.js";
 import { draw } from "./drawing.js";
 import { outlinesOf } from "./surroundings.js";
-import { BASE, framesAt, origin, segmentsAt, surfacesAt } from "./kinematics.js";
-import { loopsOf } from "./loops.js";
+import { BASE, origin, segmentsAt, surfacesAt } from "./kinematics.js";
 
 const POSES_OF_PATH = 300;
 const STEP = 0.12; // rad a key
@@ -21,10 +20,10 @@ const STEP = 0.12; // rad a key
  */
 export async function mountArm(element, { robotId, times = [0], positions = null, surroundings = null, onTime = () => {}, signal = undefined }) {
   const geometry = await get(`/robots/${robotId}/geometry`, {}, signal);
-  const followed = loopsOf(geometry);
   const motion = positions ?? [geometry.joints.map((_, k) => geometry.closed[k] ?? 0)];
-  const state = { time: times[0], playing: null, view: { turn: 0.6, tilt: 0.35, ...extent(geometry, motion, followed) } };
-  const path = pathOf(geometry, motion, followed);
+  const { poses } = await post(`/robots/${robotId}/poses`, { positions: motion }, { signal });
+  const state = { time: times[0], playing: null, view: { turn: 0.6, tilt: 0.35, ...extent(geometry, poses) } };
+  const path = some(poses).map((frames) => frames.findLast(Boolean)).filter(Boolean).map(origin);
   const around = outlinesOf(surroundings, state.view.reach);
   const near = h("p", { class: "note", id: "nearest-now", hidden: true });
   let clearances = null;
@@ -37,7 +36,7 @@ export async function mountArm(element, { robotId, times = [0], positions = null
     state.time = Math.min(Math.max(time, times[0]), times.at(-1));
     slider.value = state.time;
     clock.textContent = quantity(state.time, "s");
-    const frames = framesAt(geometry, followed(motion[before(times, state.time)]));
+    const frames = poses[before(times, state.time)];
     canvas.dataset.origins = JSON.stringify(frames.map((pose) => pose && origin(pose)));
     const parts = { surfaces: surfacesAt(geometry, frames), segments: segmentsAt(geometry, frames, 0.025 * state.view.reach) };
     canvas.dataset.triangles = parts.surfaces.reduce((sum, one) => sum + one.triangles.length, 0);
@@ -100,7 +99,7 @@ export async function mountArm(element, { robotId, times = [0], positions = null
     if (canvas.hasPointerCapture(event.pointerId)) turn(event.movementX / 120, event.movementY / 120);
   });
 
-  const open = some(motion).some((posture) => followed(posture).length < geometry.closed.length);
+  const open = poses.some((frames) => frames.includes(null));
   const notes = [
     geometry.capsules.length || geometry.surfaces.length ? "" : "There is no collision geometry that can be read: rods stand for the links.",
     open ? "Somewhere on this motion the loops cannot be closed: what they move is not drawn there." : "",
@@ -131,15 +130,10 @@ function some(motion) {
   return motion.filter((_, index) => index % step === 0);
 }
 
-function pathOf(geometry, motion, followed) {
-  return some(motion).map((posture) => framesAt(geometry, followed(posture)).findLast(Boolean)).filter(Boolean).map(origin);
-}
-
 /** Middle and reach of all that the motion sweeps: the ball about the middle that holds it. */
-function extent(geometry, motion, followed) {
+function extent(geometry, poses) {
   const boxes = { surfaces: geometry.surfaces.map((one) => ({ ...one, points: cornersOf(one.points) })) };
-  const swept = some(motion).flatMap((posture) => {
-    const frames = framesAt(geometry, followed(posture));
+  const swept = some(poses).flatMap((frames) => {
     const ends = segmentsAt(geometry, frames, 0.02).flatMap(({ start, end, radius }) => [[start, radius], [end, radius]]);
     return [...ends, ...surfacesAt(boxes, frames).flatMap(({ points }) => points.map((point) => [point, 0]))];
   });

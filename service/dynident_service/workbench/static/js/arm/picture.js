@@ -4,6 +4,7 @@ import { ask } from "../api.js";
 import { announce, h, put } from "../dom.js";
 import { dropZone } from "../drop_zone.js";
 import { counted } from "../format.js";
+import { givenUp } from "../jobs.js";
 import { problemBox } from "../problem.js";
 
 /** A part of a page to be opened: the arm at zero, and a place for the files of its meshes. */
@@ -50,10 +51,8 @@ function meshesForm(robot, onSent, signal) {
   const rows = robot.meshes.map((one) => h("li", {}, one.sha256 ? "✓ " : "missing: ", h("code", {}, one.name), ` of ${one.links.join(", ")}`));
   const send = async (files) => {
     if (!files.length) return void put(said, h("p", { class: "note" }, "There is no STL, OBJ, DAE or PLY file in it."));
-    const given = new AbortController();
-    signal.addEventListener("abort", () => given.abort());
-    const stop = h("button", { type: "button", class: "small", onclick: () => given.abort() }, "Cancel");
-    put(said, h("div", { class: "progress" }, h("span", {}, `Reading ${counted(files.length, "file")}`), h("progress", { "aria-label": "Reading the meshes" }), stop));
+    const given = givenUp(`Reading ${counted(files.length, "file")}`, said);
+    signal.addEventListener("abort", given.stop);
     const form = new FormData();
     for (const file of files) form.append("files", file, pathOf(file));
     try {
