@@ -24,6 +24,7 @@ from dynident_client.answers.designs import (
     Other,
     Run,
     SimulationResult,
+    WallPlane,
 )
 from dynident_client.answers.diagnoses import (
     Candidate,
@@ -217,6 +218,7 @@ __all__ = [
     "UsedPreprocessing",
     "ValidationResult",
     "VerdictView",
+    "WallPlane",
     "WeighedLoad",
     "WorstStretch",
 ]

@@ -1,22 +1,14 @@
 // The catalogue of effects, read once; how effects and their places are named.
 
-import { get } from "./api.js";
+import { get, once } from "./api.js";
 import { h } from "./dom.js";
 import { quantity } from "./format.js";
 
-let reading = null;
-
 /** The catalogue: { items, byId }. */
-export function catalogue() {
-  reading ??= get("/effects").then(
-    ({ items }) => ({ items, byId: new Map(items.map((one) => [one.id, one])) }),
-    (error) => {
-      reading = null;
-      throw error;
-    },
-  );
-  return reading;
-}
+export const catalogue = once(async () => {
+  const { items } = await get("/effects");
+  return { items, byId: new Map(items.map((one) => [one.id, one])) };
+});
 
 /** The title of an effect. */
 export function titleOf(effects, id) {

@@ -94,6 +94,11 @@ export function tiles(all) {
   return h("dl", { class: "tiles" }, all.map(tile));
 }
 
+/** A part of a page that its title names. */
+export function part(title, ...body) {
+  return h("section", { "aria-label": title }, h("h2", {}, title), body);
+}
+
 /** Words for those alone who have the page read to them. */
 export function unseen(words) {
   return h("span", { class: "unseen" }, words);

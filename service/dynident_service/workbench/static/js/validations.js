@@ -18,7 +18,9 @@ export function validationsSection(model, kinds, signal) {
     for (const [kind, line] of lines) if (usable(model, kind)) await line.validate();
     run.disabled = false;
   };
-  known(model, lines, signal);
+  known(model, lines, signal).catch((error) => {
+    if (!signal.aborted) throw error;
+  });
   return section("validations", "Is it to be trusted",
     h("p", { class: "actions" }, run, h("span", { class: "note" }, "makes all but the last of these, one after another")),
     h("ul", { class: "verdicts" }, [...lines.values()].map((line) => line.element)),
@@ -27,9 +29,14 @@ export function validationsSection(model, kinds, signal) {
 
 /** Ids of the newest validation of every kind that has ended. */
 export async function newestValidations(model, kinds) {
-  const { items } = await get("/validations", { identification_id: model.id, limit: 100 });
-  const newest = new Map(items.filter((one) => one.status === "succeeded").reverse().map((one) => [one.request.kind, one.id]));
-  return kinds.map(({ name }) => newest.get(name)).filter(Boolean);
+  const newest = await newestByKind(model, (one) => one.status === "succeeded");
+  return kinds.map(({ name }) => newest.get(name)?.id).filter(Boolean);
+}
+
+/** By their kinds the newest validations of a model that fit. */
+async function newestByKind(model, fits, signal) {
+  const { items } = await get("/validations", { identification_id: model.id, limit: 100 }, signal);
+  return new Map(items.filter(fits).reverse().map((one) => [one.request.kind, one]));
 }
 
 function usable(model, kind) {
@@ -79,15 +86,8 @@ function lineOf(model, { name: kind, label, words: about }, signal) {
 
 /** Show what is known already: the newest validation of every kind. */
 async function known(model, lines, signal) {
-  try {
-    const { items } = await get("/validations", { identification_id: model.id, limit: 100 }, signal);
-    for (const [kind, line] of lines) {
-      const newest = items.find((one) => one.request.kind === kind && one.status !== "failed" && one.status !== "cancelled");
-      if (newest) line.wait(newest).catch(() => {});
-    }
-  } catch (error) {
-    if (!signal.aborted) throw error;
-  }
+  const newest = await newestByKind(model, (one) => !["failed", "cancelled"].includes(one.status), signal);
+  for (const [kind, one] of newest) lines.get(kind)?.wait(one).catch(() => {});
 }
 
 /** The figures behind the verdict; `kind` names the first table. */

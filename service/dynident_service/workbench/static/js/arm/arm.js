@@ -15,16 +15,16 @@ const STEP = 0.12; // rad a key
  * Show a robot's motion in `element`.
  *
  * `times` (s) and `positions` ([sample][joint], rad or m) are those of its joints in the robot's order. Gives
- * { show(time), keepClear(clearances), element }; `onTime(time)` is told when a person moves the arm to another time.
- * Without `positions` the arm stands at zero, or where its loops are closed. `surroundings` are those of a design. Nothing goes on after `signal` aborts.
+ * { show(time), surround(clearances), keepClear(clearances), element }; `onTime(time)` is told when a person moves the arm to another time.
+ * Without `positions` the arm stands at zero, or where its loops are closed. `floor` is the height of one (m). Nothing goes on after `signal` aborts.
  */
-export async function mountArm(element, { robotId, times = [0], positions = null, surroundings = null, onTime = () => {}, signal = undefined }) {
+export async function mountArm(element, { robotId, times = [0], positions = null, floor = null, onTime = () => {}, signal = undefined }) {
   const geometry = await get(`/robots/${robotId}/geometry`, {}, signal);
   const motion = positions ?? [geometry.joints.map((_, k) => geometry.closed[k] ?? 0)];
   const { poses } = await post(`/robots/${robotId}/poses`, { positions: motion }, { signal });
   const state = { time: times[0], playing: null, view: { turn: 0.6, tilt: 0.35, ...extent(geometry, poses) } };
   const path = some(poses).map((frames) => frames.findLast(Boolean)).filter(Boolean).map(origin);
-  const around = outlinesOf(surroundings, state.view.reach);
+  let outlines = [];
   const near = h("p", { class: "note", id: "nearest-now", hidden: true });
   let clearances = null;
   const canvas = h("canvas", { class: "arm", tabindex: "0", role: "img", "aria-label": "The arm. Drag or use the arrow keys to turn it; plus and minus change its size." });
@@ -43,12 +43,18 @@ export async function mountArm(element, { robotId, times = [0], positions = null
     const { lines, words } = clearances?.at(state.time, frames) ?? { lines: [], words: "" };
     canvas.dataset.gaps = JSON.stringify(lines.map((one) => one.ends));
     near.firstChild?.replaceWith(`${words} `);
-    draw(canvas, state.view, { ...parts, frames: [BASE, ...frames], path, around, gaps: lines });
+    draw(canvas, state.view, { ...parts, frames: [BASE, ...frames], path, around: { floor, outlines }, gaps: lines });
   }
 
   function moved(time) {
     show(time);
     onTime(state.time);
+  }
+
+  /** Draw what stands around the robot, as GET /v1/designs/{id}/clearances has it. */
+  function surround(found) {
+    outlines = outlinesOf(found, state.view.reach);
+    show(state.time);
   }
 
   /** Draw what the links are near to along the motion, as it is known (see clearances.js). */
@@ -111,7 +117,7 @@ export async function mountArm(element, { robotId, times = [0], positions = null
   signal?.addEventListener("abort", () => observer.disconnect());
   onColours(() => show(state.time), signal);
   show(state.time);
-  return { show, keepClear, element };
+  return { show, surround, keepClear, element };
 }
 
 /** The last sample that is not after a time. */

@@ -1,7 +1,7 @@
 // A design that is found: its worth, its motion with the arm, what it promises, and what to do with it.
 
 import { get } from "../api.js";
-import { figures, h, listed, put, tiles } from "../dom.js";
+import { figures, h, listed, part, put, tiles } from "../dom.js";
 import { grouped, number, percent, positionUnit, quantity } from "../format.js";
 import { formatLinks } from "../saving.js";
 import { choicesOfQuery } from "../schema.js";
@@ -15,7 +15,7 @@ const SAME = 0.01; // share by which criteria differ that are as good as each ot
 export async function designResult(target, design, robot, signal) {
   const { result } = design;
   const formats = await choicesOfQuery("/v1/designs/{design_id}/trajectory", "format");
-  const motion = h("section", { "aria-label": "The motion" }, h("h2", {}, "The motion"), h("p", { class: "note" }, "Loading …"));
+  const motion = part("The motion", h("p", { class: "note" }, "Loading …"));
   put(target, worth(result), take(design, formats), virtualRobot(design, robot, signal), motion, promises(result), margins(result, robot));
   await showMotion(motion, design, robot, signal);
 }
@@ -42,7 +42,7 @@ function besides(ratio) {
 function take(design, formats) {
   const said = h("div");
   const links = formatLinks(formats, (format) => `/v1/designs/${design.id}/trajectory?format=${format}`, said);
-  return h("section", { "aria-label": "For the controller" }, h("h2", {}, "For the controller"), h("p", { class: "actions" }, links), h("p", { class: "note" }, "Run it, record positions and torques or currents, then add the recording under New model."), said);
+  return part("For the controller", h("p", { class: "actions" }, links), h("p", { class: "note" }, "Run it, record positions and torques or currents, then add the recording under New model."), said);
 }
 
 async function showMotion(section, design, robot, signal) {
@@ -55,13 +55,14 @@ async function showMotion(section, design, robot, signal) {
   const curves = motionCurves(motion, design.result, units, (time) => moved(time), signal);
   put(section, h("h2", {}, "The motion"), h("div", { class: "two" }, place, curves.element));
   curves.show();
-  const mounted = await arm.mountArm(place, { robotId: robot.id, times: motion.t, positions: motion.q, surroundings: design.request.surroundings, onTime: curves.mark, signal });
+  const mounted = await arm.mountArm(place, { robotId: robot.id, times: motion.t, positions: motion.q, floor: design.request.surroundings?.floor, onTime: curves.mark, signal });
   moved = (time) => {
     mounted.show(time);
     curves.mark(time);
   };
   curves.mark(motion.t[0]);
   const [{ clearancesOf }, found] = await Promise.all([import("../arm/clearances.js"), get(`/designs/${design.id}/clearances`, {}, signal)]);
+  mounted.surround(found);
   if (found.links.length) mounted.keepClear(clearancesOf(found));
 }
 
@@ -75,7 +76,7 @@ function promises({ expected_parameters: expected }) {
     figures("standard deviation", (one) => one.standard_deviation, (value, one) => quantity(value, one.unit)),
     figures("left beside all others", (one) => one.share, (value) => percent(value)),
   ];
-  return h("section", { "aria-label": "What it promises" }, h("h2", {}, "What it promises"),
+  return part("What it promises",
     stated ? null : h("p", { class: "note" }, "Standard deviations need the noise of each joint's torque: state it in the table of limits and design once more."),
     listed("Parameters as this motion will determine them", columns, expected, { id: "promises" }));
 }

@@ -1,7 +1,7 @@
 // A virtual robot makes the motion of a design; its recording goes straight to an identification.
 
 import { post } from "../api.js";
-import { h, put } from "../dom.js";
+import { h, part, put } from "../dom.js";
 import { awaited } from "../jobs.js";
 import { go } from "../location.js";
 import { pressed, problemBox } from "../problem.js";
@@ -30,5 +30,5 @@ export function virtualRobot(design, robot, signal) {
     go({ identification: made.id });
   }, (error) => put(said, problemBox(error)), signal);
 
-  return h("section", { "aria-label": "On a virtual robot" }, h("h2", {}, "On a virtual robot"), h("p", { class: "actions" }, button, h("span", { class: "note" }, about)), said);
+  return part("On a virtual robot", h("p", { class: "actions" }, button, h("span", { class: "note" }, about)), said);
 }
