@@ -35,10 +35,20 @@ _ANSWERS = {
     "diagnoses": ("DiagnosisResult", "Evidence", "SeriesResult"),
     "identifications": (
         *("CorrelationView", "CurrentModelsResult", "EssentialView", "IdentificationResult", "Lineage"),
-        *("ReportResult", "VerdictView"),
+        *("ReportResult", "Tables", "VerdictView"),
     ),
     "resources": (
-        *("Catalogue", "CheckView", "GeometryView", "Health", "JointView", "MeshesView", "Problem", "QuestionView"),
+        *(
+            "Catalogue",
+            "CheckView",
+            "GeometryView",
+            "Health",
+            "JointView",
+            "MeshesView",
+            "PosesView",
+            "Problem",
+            "QuestionView",
+        ),
         *("RawSignals", "Readiness", "Standstills", "UsageView"),
     ),
     "validations": ("DriveGainsResult", "ValidationResult"),

@@ -42,6 +42,14 @@ class Robots(Labelled[Robot]):
         """Read where the robot's links are: the frames of its joints capsules around what they carry, and meshes."""
         return self._transport.get(f"{self.path}/{id_of(robot)}/geometry", answers.GeometryView)
 
+    def poses(self, robot: Robot | str, positions: Sequence[Sequence[float]]) -> answers.PosesView:
+        """Read where the frames of its geometry are at positions [posture][joint]: 12 numbers each, row by row.
+
+        None for what moves in a loop that cannot be closed there.
+        """
+        body = {"positions": [list(one) for one in positions]}
+        return self._transport.post(f"{self.path}/{id_of(robot)}/poses", answers.PosesView, body)
+
     def send_meshes(self, robot: Robot | str, folder: Path | str) -> answers.MeshesView:
         """Send the files below a folder that have the name of a mesh of the robot's description.
 

@@ -92,6 +92,10 @@ class Identifications(Labelled[Identification]):
         """Read the correlation of the estimates, and what the motion determines only together, in words."""
         return self._transport.get(f"{self.path}/{id_of(identification)}/correlation", answers.CorrelationView)
 
+    def tables(self, identification: Record | str) -> list[answers.Table]:
+        """Read the parameters and shape constants as tables in words: title, columns, rows of cells."""
+        return self._transport.get(f"{self.path}/{id_of(identification)}/tables", answers.Tables)["items"]
+
     def verdict(self, identification: Record | str) -> answers.VerdictView:
         """Read for which uses the model is fit and why or why not, and whether to stop: uses, held_out, stop, …."""
         return self._transport.get(f"{self.path}/{id_of(identification)}/verdict", answers.VerdictView)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+import pytest
 from fastapi.testclient import TestClient
 
 URDF = """<robot name="arm"><link name="base"/>
@@ -34,3 +37,25 @@ def test_the_geometry_of_a_robot_that_is_not_there_is_a_problem(client: TestClie
     answer = client.get("/v1/robots/rob_nothing/geometry")
     assert answer.status_code == 404
     assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_poses_follow_the_joints_and_what_follows_these(client: TestClient) -> None:
+    body = {"name": "arm", "description": {"format": "urdf", "content": URDF}}
+    robot = client.post("/v1/robots", json=body).json()
+    names = [one["name"] for one in client.get(f"/v1/robots/{robot['id']}/geometry").json()["frames"]]
+    positions = [[0.0, 0.0], [0.5, math.pi / 2]]
+    first, second = client.post(f"/v1/robots/{robot['id']}/poses", json={"positions": positions}).json()["poses"]
+    assert first[names.index("turn")][3::4] == [0.3, 0.0, 0.2]
+    assert second[names.index("turn")][3::4] == [0.3, 0.0, 0.7]
+    assert second[names.index("turn")][:3] == pytest.approx([0.0, 0.0, 1.0], abs=1e-5)
+    # The jaw turns back by twice as much, and a tenth of a radian less.
+    angle = math.pi / 2 - 2 * math.pi / 2 + 0.1
+    assert second[names.index("echo")][:3] == pytest.approx([math.cos(angle), 0.0, math.sin(angle)], abs=1e-5)
+
+
+def test_a_posture_with_too_few_positions_is_told_by_its_place(client: TestClient) -> None:
+    body = {"name": "arm", "description": {"format": "urdf", "content": URDF}}
+    robot = client.post("/v1/robots", json=body).json()
+    answer = client.post(f"/v1/robots/{robot['id']}/poses", json={"positions": [[0.0, 0.0], [0.0]]})
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0]["pointer"] == "/positions/1"

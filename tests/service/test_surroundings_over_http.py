@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 
 from dynident.robot import library_table
@@ -41,6 +44,24 @@ def test_a_design_tells_how_near_it_comes_to_the_surroundings(live: Client) -> N
     with pytest.raises(ProblemError) as refused:
         live.designs.clearances(design, points=1)
     assert refused.value.status == 422
+
+
+def test_what_stands_around_the_robot_has_outlines_for_a_picture(live: Client) -> None:
+    robot = live.robots.create("panda", modified_dh=library_table("franka_panda"))
+    shelf = {"name": "shelf", "center": [3.0, 0.0, 0.5], "size": [0.2, 0.4, 0.6], "rpy": [0.0, 0.0, math.pi / 2]}
+    around = {"boxes": [shelf], "walls": [{"name": "fence", "point": [-3.0, 0, 0], "normal": [2, 0, 0]}]}
+    quick = {"kind": "random", "trajectory": SMALL, "random_trajectories": 3, "effects": [{"effect": "viscous"}]}
+    found = live.designs.clearances(live.designs.create(robot, **quick, surroundings=around).wait(), points=2)
+    edges = np.array(found["edges"])
+    assert edges.shape == (12, 2, 3)
+    # Turned by a right angle about z: what was along x is along y.
+    low, high = edges.min(axis=(0, 1)), edges.max(axis=(0, 1))
+    np.testing.assert_allclose([low, high], [[2.8, -0.1, 0.2], [3.2, 0.1, 0.8]], atol=1e-5)
+    lengths = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
+    np.testing.assert_allclose(np.sort(lengths), np.repeat([0.2, 0.4, 0.6], 4), atol=1e-5)
+    (wall,) = found["walls"]
+    axes = np.array([[1.0, 0.0, 0.0], *wall["along"]])
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
 
 
 def test_what_is_no_obstacle_is_refused_with_its_field(live: Client) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -18,8 +20,10 @@ from dynident.excitation.formats.ros2 import joint_trajectory
 from dynident.excitation.nearness import nearest_along
 from dynident.identification.shapes.shapes import check_choices
 from dynident.motion.surroundings.contacts import Nearest
+from dynident.motion.surroundings.obstacles import Wall, block_of
 from dynident.recordings.arrow import as_floats
 from dynident.robot import Robot
+from dynident.robot.shapes import Block
 from dynident.simulation import Reference
 from dynident_service.adapters.answers import known, shown
 from dynident_service.adapters.derived import body, taken
@@ -120,7 +124,25 @@ def clearances_of(
     motion = stored_reference(trajectory, list(robot.joint_names))
     chosen = np.unique(np.linspace(0, len(motion.t) - 1, min(points, len(motion.t))).astype(np.intp))
     found = nearest_along(robot, design_request(asked), motion.q[chosen], mesh_folders)
-    return wire.DesignClearances(t=motion.t[chosen].tolist(), links=[_link_clearances(one) for one in found])
+    around = design_request(asked).surroundings
+    return wire.DesignClearances(
+        t=motion.t[chosen].tolist(),
+        links=[_link_clearances(one) for one in found],
+        edges=[edge for box in around.boxes for edge in _edges(block_of(box))],
+        walls=[_plane(wall) for wall in around.walls],
+    )
+
+
+def _edges(block: Block) -> Iterator[Any]:
+    middle, half = block.placement[:3, 3], block.placement[:3, :3] * block.size / 2.0
+    for k, (a, b) in product(range(3), product((-1.0, 1.0), repeat=2)):
+        beside = middle + a * half[:, k - 2] + b * half[:, k - 1]
+        yield tuple(np.round([beside - half[:, k], beside + half[:, k]], _DIGITS).tolist())
+
+
+def _plane(wall: Wall) -> wire.WallPlane:
+    along: Any = np.linalg.svd(np.array([wall.normal]))[2][1:].tolist()
+    return wire.WallPlane(point=wall.point, along=along)
 
 
 def _link_clearances(found: Nearest) -> wire.LinkClearances:

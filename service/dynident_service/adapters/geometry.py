@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from dynident.arrays import FloatArray
 from dynident.robot import Robot
 from dynident.robot.collision import BASE, collision_geometry
 from dynident.robot.cut_joints import Loop
+from dynident.robot.kinematics import joint_frames
 from dynident.robot.shapes import Capsule, enclosing_capsule
 from dynident.robot.surfaces import Surface, thinned
 from dynident_service.models import geometry as wire
@@ -37,6 +39,24 @@ def describe_geometry(robot: Robot, mesh_folders: Sequence[Path] = ()) -> wire.G
         closed=closure.check().tolist() if closure else [],
         notes=list(found.notes),
     )
+
+
+def describe_poses(robot: Robot, q: FloatArray) -> wire.PosesView:
+    """Where the frames of the tree are at positions (m, n) of the robot's joints."""
+    tree, positions, lost = robot.tree, q, np.zeros((len(q), robot.tree.n), dtype=np.bool_)
+    if robot.linkage is not None:
+        passive, found = np.zeros((len(q), 0)), np.ones(len(q), dtype=np.bool_)
+        if robot.linkage.closure:
+            passive, found = robot.linkage.closure.follow(q)
+        positions = np.hstack([q, passive]) @ robot.linkage.ratios.T + robot.linkage.offsets
+        loose = (robot.linkage.ratios[:, robot.n :] != 0.0).any(axis=1)
+        for place, joint in enumerate(tree.joints):
+            loose[place] |= joint.parent >= 0 and loose[joint.parent]
+        lost = ~found[:, None] & loose
+    poses = np.round(joint_frames(tree, positions)[:, :, :3].reshape(len(q), tree.n, 12), DIGITS).tolist()
+    for posture, frame in np.argwhere(lost):
+        poses[posture][frame] = None
+    return wire.PosesView(poses=poses)
 
 
 def _surface(joint: int, surface: Surface, share: float) -> wire.SurfaceView:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from dynident.identification import Identification, IdentificationChoices
+from dynident.identification import Identification, IdentificationChoices, IdentifiedParameter
 from dynident.identification.equations.data import motions_and_friction
+from dynident.identification.shapes.shape_constants import ShapeConstant
 from dynident.identification.shapes.shapes import check_choices
 from dynident.identification.study.dependence import parameter_dependence
 from dynident.identification.study.essential import EssentialPath
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
+from dynident.reports.parameter_tables import essential_tables, parameter_table, shape_table
+from dynident.reports.tables import ReportedTable
 from dynident.robot import Robot
-from dynident_service.adapters.answers import show_errors, shown
+from dynident_service.adapters.answers import known, show_errors, shown
 from dynident_service.adapters.derived import taken
+from dynident_service.adapters.tables import show_tables
 from dynident_service.models import identifications as wire
 
 
@@ -47,7 +51,20 @@ def describe_identification(
 def describe_essential(found: EssentialPath) -> wire.EssentialView:
     """Describe what is left of a model by backward elimination."""
     left = [one for one in found.identification.parameters if one.essential]
-    return shown(wire.EssentialView, found, parameters=left)
+    return shown(wire.EssentialView, found, parameters=left, tables=show_tables(essential_tables(found)))
+
+
+def identification_tables(found: wire.IdentificationResult) -> Iterator[ReportedTable]:
+    """The parameters and the shape constants of a stored result."""
+    yield parameter_table("Base parameters", [_parameter(one) for one in found.parameters])
+    if found.shape_constants:
+        yield shape_table([known(ShapeConstant, one) for one in found.shape_constants], found.joints)
+
+
+def _parameter(one: wire.ParameterView) -> IdentifiedParameter:
+    # Older versions stored no judgement.
+    judged = one.judgement or ("determined" if one.well_identified else "uncertain")
+    return known(IdentifiedParameter, one, judgement=judged)
 
 
 def show_fit(found: Identification) -> wire.ErrorsView:

@@ -1,11 +1,12 @@
-"""The figures behind a validation's verdict, as tables for people: the command line and reports show the same."""
+"""The figures behind a validation's verdict, as tables for people."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from dynident.reports.numbers import number, percent
-from dynident.reports.validated import ReportedTable, ReportedValidation
+from dynident.reports.numbers import number
+from dynident.reports.tables import Cell, ReportedTable, figure, interval, share, shares, words
+from dynident.reports.validated import ReportedValidation
 from dynident.validation import Judged
 from dynident_service.models.identifications import ErrorsView
 from dynident_service.models.validations import BootstrapView, FiltersView, MethodView, PayloadView, ValidationResult
@@ -28,54 +29,68 @@ def reported(result: ValidationResult, joints: Sequence[str]) -> ReportedValidat
     return ReportedValidation(TITLES[result.kind], judged, tuple(tables_of(result, joints)))
 
 
-def tables_of(result: ValidationResult, joints: Sequence[str]) -> list[ReportedTable]:
+def tables_of(result: ValidationResult, joints: Sequence[str]) -> Iterator[ReportedTable]:
     """The tables that a result has figures for."""
-    found = []
+    each = (*joints, "all joints")
     if result.measurements and result.total is not None:
-        found.append(_measurements(result, result.total, joints))
+        rows = [(one.name, one.errors) for one in result.measurements]
+        rows += [("all", result.total)] if len(rows) > 1 else []
+        cells = tuple((Cell(name), *_relative(errors, len(joints))) for name, errors in rows)
+        yield ReportedTable("Relative torque error", ("measurement", *each), cells)
     if result.worst_posture is not None:
-        postures = tuple((joint, f"{value:.3f}") for joint, value in result.worst_posture.items())
-        found.append(ReportedTable("The worst posture that was found", ("joint", "rad or m"), postures))
-    if result.methods:
-        columns = ("method", *joints, "all joints", "parameters, σ", "most in", "torque", "± of it")
-        rows = tuple(_method(one) for one in result.methods if one.held_out is not None)
-        title = "Relative held-out error by method; distance of parameters and torque from the first"
-        found.append(ReportedTable(title, columns, rows))
-        without = tuple((one.method, one.problem) for one in result.methods if one.problem)
-        if without:
-            title = "Methods that this data does not allow"
-            found.append(ReportedTable(title, ("method", "why"), without, numbers_from=2))
-    if result.simulations:
-        followed = tuple(
-            (one.name, f"{one.duration:.1f} s", *_relative(one.torque, len(joints))) for one in result.simulations
+        posture = tuple((Cell(joint), figure(value)) for joint, value in result.worst_posture.items())
+        yield ReportedTable(
+            f"The worst posture that was found, of {result.postures_tried}", ("joint", "rad or m"), posture
         )
-        columns = ("measurement", "simulated", *joints, "all joints")
-        found.append(ReportedTable("Simulated against measured torque", columns, followed))
+    yield from _methods(result.methods, each)
+    if any(one.torque is not None for one in result.simulations):
+        followed = tuple(
+            (Cell(one.name), figure(one.duration, unit="s"), *_relative(one.torque, len(joints)))
+            for one in result.simulations
+        )
+        yield ReportedTable("Simulated against measured torque", ("measurement", "simulated", *each), followed)
+        strayed = tuple(
+            (Cell(one.name), *shares(one.position_share))
+            for one in result.simulations
+            if one.position_share is not None
+        )
+        if strayed:
+            title = "How far the simulated positions are from the measured ones, of each joint's range"
+            yield ReportedTable(title, ("measurement", *joints), strayed)
     if result.filters is not None:
-        found.append(_filters(result.filters))
+        yield _filters(result.filters)
     if result.bootstrap is not None and result.bootstrap.parameters:
-        found.append(_bootstrap(result.bootstrap))
+        yield _bootstrap(result.bootstrap)
     if result.payloads:
-        found.append(_payloads(result.payloads))
-        found += [_gains(one) for one in result.payloads if one.gains]
-    return found
+        yield _payloads(result.payloads)
+        yield from (_gains(one) for one in result.payloads if one.gains)
 
 
-def _measurements(result: ValidationResult, total: ErrorsView, joints: Sequence[str]) -> ReportedTable:
-    rows = [(one.name, *_relative(one.errors, len(joints))) for one in result.measurements]
-    if len(rows) > 1:
-        rows.append(("all", *_relative(total, len(joints))))
-    return ReportedTable("Relative torque error", ("measurement", *joints, "all joints"), tuple(rows))
+def _methods(methods: Sequence[MethodView], each: Sequence[str]) -> Iterator[ReportedTable]:
+    solved = [(one, one.held_out) for one in methods if one.held_out is not None]
+    if solved:
+        best = min(errors.relative_total or 0.0 for _, errors in solved)
+        columns = ("method", *each, "σ apart", "most in", "torque", "± of it", "time")
+        rows = tuple(_method(one, errors, best) for one, errors in solved)
+        title = "Relative held-out error by method; distance of parameters and torque from the first"
+        yield ReportedTable(title, columns, rows)
+    without = tuple((Cell(one.method), Cell(one.problem)) for one in methods if one.problem)
+    if without:
+        title = f"Methods that this data does not allow: {len(without)}"
+        yield ReportedTable(title, ("method", "why"), without, numbers_from=2)
 
 
-def _method(one: MethodView) -> tuple[str, ...]:
-    errors = one.held_out
+def _method(one: MethodView, errors: ErrorsView, best: float) -> tuple[Cell, ...]:
+    *joints, total = _relative(errors, 0)
     return (
-        one.method,
-        *_relative(errors, 0),
-        _maybe(one.distance_rms),
-        one.farthest or "",
-        *("–" if value is None else percent(value) for value in (one.torque_distance, one.torque_deviation)),
+        Cell(one.method),
+        *joints,
+        Cell(total.text, total.value, "ok" if total.value == best else None),
+        figure(one.distance_rms, 2),
+        Cell(one.farthest or ""),
+        share(one.torque_distance),
+        share(one.torque_deviation),
+        figure(one.seconds, 2, "s"),
     )
 
 
@@ -83,41 +98,42 @@ def _filters(filters: FiltersView) -> ReportedTable:
     rows = []
     for one in filters.trials:
         used = one.preprocessing
-        cutoffs = [
-            "none" if value is None else f"{value:.3g} Hz" for value in (used.position_cutoff, used.torque_cutoff)
-        ]
-        errors = ["–" if value is None else f"{value:.3%}" for value in (one.error, one.bias)]
-        words = [word for word, other in (("used", filters.used), ("smallest error", filters.chosen)) if one == other]
-        rows.append((*cutoffs, str(used.decimation), *errors, ", ".join(words) or one.problem or ""))
-    columns = ("position cut-off", "torque cut-off", "decimation", "parameter error", "bias", "")
-    return ReportedTable("What each choice of filters leaves in the parameters", columns, tuple(rows), numbers_from=2)
+        cutoffs = (
+            "none" if value is None else f"{number(value)} Hz" for value in (used.position_cutoff, used.torque_cutoff)
+        )
+        notes = [note for note, other in (("used", filters.used), ("smallest error", filters.chosen)) if one == other]
+        cells = words(*cutoffs, str(used.decimation))
+        rows.append((*cells, *shares([one.error, one.bias]), Cell(", ".join(notes) or one.problem or "")))
+    columns = ("position cut-off", "torque cut-off", "decimation", "parameter error", "bias", "which")
+    title = "What each choice of filters leaves in the parameters, as a share of the torque"
+    return ReportedTable(title, columns, tuple(rows), numbers_from=2)
 
 
 def _bootstrap(drawn: BootstrapView) -> ReportedTable:
     rows = tuple(
         (
-            one.name,
-            one.unit,
-            *("–" if value is None else number(value, 2) for value in (one.told, one.drawn)),
-            _maybe(one.ratio),
-            " to ".join(number(end) for end in one.expected),
-            "! outside" if one.outside else "✓",
+            *words(one.name, one.unit),
+            figure(one.told, 2),
+            figure(one.drawn, 2),
+            figure(one.ratio),
+            interval(one.expected),
+            Cell("! outside", mark="warning") if one.outside else Cell("✓", mark="ok"),
         )
         for one in drawn.parameters
     )
-    columns = ("parameter", "unit", "told", "drawn", "ratio", "expected", "")
+    columns = ("parameter", "unit", "told", "drawn", "ratio", "expected", "as expected")
     return ReportedTable("Standard deviations as told, and over draws", columns, rows, numbers_from=2)
 
 
 def _payloads(payloads: Sequence[PayloadView]) -> ReportedTable:
     rows = tuple(
         (
-            one.name,
-            number(one.stated_mass),
-            _maybe(one.mass),
-            "not identifiable" if one.interval is None else " to ".join(number(end) for end in one.interval),
-            _maybe(one.friction_shared),
-            _maybe(one.friction_apart),
+            Cell(one.name),
+            figure(one.stated_mass),
+            figure(one.mass),
+            interval(one.interval, "not identifiable"),
+            figure(one.friction_shared),
+            figure(one.friction_apart),
         )
         for one in payloads
     )
@@ -128,11 +144,11 @@ def _payloads(payloads: Sequence[PayloadView]) -> ReportedTable:
 def _gains(payload: PayloadView) -> ReportedTable:
     rows = tuple(
         (
-            one.joint,
-            number(one.drive_gain),
-            " to ".join(_maybe(end) for end in one.interval),
-            number(one.factor),
-            "✓" if one.identifiable else "no",
+            Cell(one.joint),
+            figure(one.drive_gain),
+            interval(one.interval),
+            figure(one.factor),
+            Cell("✓" if one.identifiable else "no"),
         )
         for one in payload.gains
     )
@@ -140,11 +156,5 @@ def _gains(payload: PayloadView) -> ReportedTable:
     return ReportedTable(f"Drive gains, if the load in {payload.name} is what it is said to be", columns, rows)
 
 
-def _relative(errors: ErrorsView | None, n: int) -> list[str]:
-    if errors is None:
-        return ["–"] * (n + 1)
-    return ["–" if value is None else percent(value) for value in [*errors.relative, errors.relative_total]]
-
-
-def _maybe(value: float | None) -> str:
-    return "–" if value is None else number(value)
+def _relative(errors: ErrorsView | None, n: int) -> list[Cell]:
+    return shares([None] * (n + 1) if errors is None else [*errors.relative, errors.relative_total])

@@ -21,20 +21,18 @@ from dynident.recordings.phases import Phase
 from dynident.reports.candidate_rows import COLUMNS as CANDIDATES
 from dynident.reports.candidate_rows import candidate_rows
 from dynident.reports.change_rows import COLUMNS, FRICTION_COLUMNS, change_rows, friction_row
-from dynident.reports.numbers import estimate, number, percent
+from dynident.reports.numbers import number, percent
+from dynident.reports.parameter_tables import GROUPING, TIMES_SMALLEST, essential_tables, parameter_table, shape_table
 from dynident.reports.words import (
-    JUDGED,
-    SHAPES_JUDGED,
     best_rung_text,
     hidden_text,
-    interval_text,
     place_text,
     rung_mark,
     standing_text,
 )
 from dynident.robot import Robot
 from dynident_service.cli.inputs import Loaded
-from dynident_service.cli.terminal import table
+from dynident_service.cli.terminal import print_tables, table
 
 if TYPE_CHECKING:
     from dynident.advice import AdvisedDiagnosis
@@ -43,9 +41,11 @@ if TYPE_CHECKING:
     from dynident.diagnosis.series import Course, Series, SeriesChange
     from dynident.verdict import ModelVerdict
 
+_TOO_WIDE = (GROUPING, TIMES_SMALLEST)
 
 STOPPED = 3
 """The exit code of a model that is not to be used."""
+
 _MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
 
 
@@ -74,7 +74,8 @@ def show_identification(console: Console, found: Identification, *, parameters: 
         console.print(f"  {reason}", style="dim")
     console.print(_errors_table(found))
     if parameters:
-        console.print(_parameters_table(found))
+        shown = parameter_table("Base parameters", found.parameters)
+        print_tables(console, [shown.without(*_TOO_WIDE)])
         for sentence in parameter_dependence(found).sentences:
             console.print(f"  {sentence}")
         console.print(
@@ -82,10 +83,10 @@ def show_identification(console: Console, found: Identification, *, parameters: 
             "per parameter"
         )
     if found.shape_constants:
-        console.print(_shapes_table(found))
+        print_tables(console, [shape_table(found.shape_constants, found.model.robot.joint_names)])
         for constant in found.shape_constants:
             if constant.note and constant.judgement != "chosen":
-                place = place_text(constant.joints, found.model.robot)
+                place = place_text(constant.joints, found.model.robot.joint_names)
                 console.print(f"  {constant.name} of {constant.effect} on {place}: {constant.note}.")
     for warning in found.warnings:
         console.print(f"! {warning}", style="yellow")
@@ -93,16 +94,7 @@ def show_identification(console: Console, found: Identification, *, parameters: 
 
 def show_essential(console: Console, found: EssentialPath) -> None:
     """What was taken out, step by step, and what is left."""
-    rows = []
-    for step in found.steps:
-        held_out = "–" if step.held_out is None else percent(step.held_out.relative_total)
-        p_value = f"{step.p_value:.2g}"
-        rows.append(
-            [step.name, percent(step.relative_deviation, 2), p_value, percent(step.fit.relative_total), held_out]
-        )
-    columns = ("taken out", "relative deviation", "p", "fit", "held out")
-    console.print(table("Backward elimination", columns, rows))
-    console.print(_parameters_table(found.identification))
+    print_tables(console, (one.without(*_TOO_WIDE) for one in essential_tables(found)))
     console.print(found.reason)
 
 
@@ -198,7 +190,7 @@ def _show_evidence(console: Console, one: Change) -> None:
 def choice_text(choice: EffectChoice, robot: Robot) -> str:
     """An effect in words: "Stribeck friction on joint2"."""
     title = effect_by_id(choice.effect).title
-    return f"{title} on {place_text(choice.joints, robot)}" if choice.joints else title
+    return f"{title} on {place_text(choice.joints, robot.joint_names)}" if choice.joints else title
 
 
 def error_cells(moving: Errors, errors: Errors, joint: int, unit: str) -> list[str]:
@@ -225,32 +217,6 @@ def _errors_table(found: Identification) -> object:
         for j, joint in enumerate(found.model.robot.joints)
     ]
     return table("Error per joint: where it moves, and on all rows", columns, [*rows, total])
-
-
-def _parameters_table(found: Identification) -> object:
-    rows = []
-    for one in found.parameters:
-        if not one.essential:
-            continue
-        value, deviation = estimate(one.value, one.standard_deviation)
-        interval = " to ".join(estimate(end, one.standard_deviation)[0] for end in one.interval)
-        relative = percent(one.relative_standard_deviation, 2)
-        judged = JUDGED[one.judgement].words
-        rows.append([one.name, one.link, value, deviation, interval, one.unit, relative, judged])
-    columns = ("parameter", "joint", "value", "standard deviation", "95 % interval", "unit", "relative", "determined")
-    return table(f"{len(rows)} base parameters", columns, rows, right_from=2)
-
-
-def _shapes_table(found: Identification) -> object:
-    rows = []
-    for one in found.shape_constants:
-        value, deviation = one.word or number(one.value, 4), "–"
-        if one.interval is not None:
-            value, deviation = estimate(one.value, one.standard_deviation)
-        place, judged = place_text(one.joints, found.model.robot), SHAPES_JUDGED[one.judgement].words
-        rows.append([one.effect, place, one.name, value, deviation, interval_text(one), one.unit, judged])
-    columns = ("effect", "joint", "constant", "value", "standard deviation", "95 % interval", "unit", "determined")
-    return table("Shape constants", columns, rows, right_from=3)
 
 
 def show_verdict(console: Console, found: ModelVerdict) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rich.console import Console
 
-from dynident.reports.validated import ReportedTable
+from dynident.reports.tables import ReportedTable
 from dynident.robot import Robot
 from dynident_service.adapters.validation_tables import tables_of
 from dynident_service.cli.terminal import table
@@ -22,7 +22,7 @@ def show_validation(console: Console, found: ValidationResult, robot: Robot) -> 
         # Joints across the page take their numbers where the page is too narrow for their names.
         short = by_number if _width(one) > console.width else {}
         columns = [short.get(column, column) for column in one.columns]
-        console.print(table(one.title, columns, [list(row) for row in one.rows], right_from=one.numbers_from))
+        console.print(table(one.title, columns, one.texts, right_from=one.numbers_from))
         if columns != list(one.columns):
             console.print(f"  Joints: {', '.join(f'{by_number[name]} {name}' for name in names)}.")
     console.print(_MARKS[found.verdict], style=_STYLES[found.verdict])
@@ -31,5 +31,5 @@ def show_validation(console: Console, found: ValidationResult, robot: Robot) -> 
 
 def _width(shown: ReportedTable) -> int:
     """Characters that a table takes with nothing wrapped."""
-    lines = [shown.columns, *shown.rows]
-    return sum(max(len(str(line[k])) for line in lines) + 2 for k in range(len(shown.columns)))
+    lines = [shown.columns, *shown.texts]
+    return sum(max(len(line[k]) for line in lines) + 2 for k in range(len(shown.columns)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
@@ -17,6 +17,8 @@ from dynident.progress import silent
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
+
+    from dynident.reports.tables import ReportedTable
 
 _MESSAGE = 40
 _WIDE = 120
@@ -61,6 +63,12 @@ def progress_bar(title: str) -> Iterator[Report]:
 
 def _advance(shown: Progress, task: TaskID, fraction: float, message: str) -> None:
     shown.update(task, completed=fraction, message=message[:_MESSAGE])
+
+
+def print_tables(console: Console, tables: Iterable[ReportedTable]) -> None:
+    """Print tables as they are shown elsewhere."""
+    for one in tables:
+        console.print(table(one.title, one.columns, one.texts, right_from=one.numbers_from))
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, right_from: int = 1) -> Table:

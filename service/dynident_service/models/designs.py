@@ -143,11 +143,22 @@ class LinkClearances(Shown):
     there: list[Point] = Field(description="Nearest point of the other in its own frame, m")
 
 
+class WallPlane(Shown):
+    """The plane of a wall."""
+
+    point: Point = Field(description="m, in the base frame")
+    along: tuple[Point, Point] = Field(description="Unit vectors in it, at right angles")
+
+
 class DesignClearances(Shown):
-    """How near each link is to others and to the surroundings along a motion."""
+    """How near each link is to others and to the surroundings along a motion, and what these look like."""
 
     t: list[float] = Field(description="s")
     links: list[LinkClearances] = Field(description="Those that are kept clear of anything")
+    edges: list[tuple[Point, Point]] = Field(
+        description="Of the boxes around the robot: their ends, m, in the base frame"
+    )
+    walls: list[WallPlane]
 
 
 class DesignView(Computed[DesignRequest, DesignResult]):

@@ -9,6 +9,7 @@ from pydantic import Field
 from dynident.identification.loads.known import KnownLoad
 from dynident_service.models.common import Computed, Identifier, Shown, Wanted
 from dynident_service.models.derived import asks
+from dynident_service.models.tables import Tabled
 from dynident_service.models.validations import DriveGainView
 
 Measurements = Annotated[list[Identifier], Field(min_length=1, max_length=100)]
@@ -57,5 +58,5 @@ class DriveGainsResult(Shown):
     warnings: list[str]
 
 
-class DriveGainsView(Computed[DriveGainsRequest, DriveGainsResult]):
+class DriveGainsView(Computed[DriveGainsRequest, DriveGainsResult], Tabled):
     """Drive gains from runs without and with a known load."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from dynident_service.models.common import Shown
+from dynident_service.models.common import Asked, Shown
 
 Point = tuple[float, float, float]
 
@@ -70,3 +70,23 @@ class GeometryView(Shown):
         default=[], description="Positions of the robot's joints, then the passive ones, at which all loops are closed"
     )
     notes: list[str] = Field(description="What of the geometry could not be read")
+
+
+Posture = Annotated[list[float], Field(min_length=1, max_length=200)]
+
+
+class PosturesRequest(Asked):
+    """Postures of a robot."""
+
+    positions: list[Posture] = Field(
+        min_length=1, max_length=5000, description="Of its joints in their order, rad or m, [posture][joint]"
+    )
+
+
+class PosesView(Shown):
+    """Where the frames of a robot's geometry are."""
+
+    poses: list[list[list[float] | None]] = Field(
+        description="[posture][frame]: 12 numbers, the rotation beside the origin (m) in the base frame, row by row; "
+        "null for what moves in a loop that cannot be closed there"
+    )

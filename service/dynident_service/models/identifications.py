@@ -15,6 +15,7 @@ from dynident.recordings.stated import PreprocessingChoices
 from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Labelled, Shown, Wanted
 from dynident_service.models.derived import asks, query_of
 from dynident_service.models.revisions import SeenMeasurement
+from dynident_service.models.tables import Table
 from dynident_service.storage.records import State
 
 JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]
@@ -212,6 +213,7 @@ class EssentialView(Shown):
     parameters: list[ParameterView] = Field(description="Estimated anew with the others at zero")
     residual: Annotated[ErrorsView, At("identification.fit")]
     validation: Annotated[ErrorsView | None, At("identification.held_out")]
+    tables: list[Table] = Field(description="The steps and the parameters as tables for people")
 
 
 class CorrelationView(Shown):

@@ -11,6 +11,7 @@ from dynident.validation.request import TRIALS, Stated
 from dynident_service.models.common import Asked, At, Computed, Identifier, Name, Shown
 from dynident_service.models.derived import asks, choices_shown
 from dynident_service.models.identifications import ErrorsView, UsedPreprocessing
+from dynident_service.models.tables import Tabled
 
 if TYPE_CHECKING:
     ValidationKind = str
@@ -196,5 +197,5 @@ class ValidationResult(Shown):
     bootstrap: BootstrapView | None = None
 
 
-class ValidationView(Computed[ValidationRequest, ValidationResult]):
+class ValidationView(Computed[ValidationRequest, ValidationResult], Tabled):
     """A validation."""

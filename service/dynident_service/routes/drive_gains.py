@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from fastapi import APIRouter
 
 from dynident.errors import DynidentError
-from dynident_service.models.drive_gains import DriveGainsRequest, DriveGainsView
+from dynident_service.models.drive_gains import DriveGainsRequest, DriveGainsResult, DriveGainsView
+from dynident_service.models.tables import Table
 from dynident_service.problems import unusable
 from dynident_service.routes.kept import Kept, asked_for
 from dynident_service.routes.needs import needed_measurements, needed_robot, refuse_coupled, resting_on
@@ -16,6 +17,14 @@ from dynident_service.services import Services
 from dynident_service.storage.records import NewJob, Resource, RestsOn
 
 router = APIRouter(prefix="/v1/drive_gains", tags=["drive gains"])
+
+
+def _tables(_: Services, found: Resource) -> list[Table]:
+    with importing():
+        from dynident_service.adapters.drive_gains import gain_tables
+        from dynident_service.adapters.tables import show_tables
+
+    return show_tables(gain_tables(DriveGainsResult.model_validate(found.result)))
 
 
 @asked_for(
@@ -28,6 +37,7 @@ router = APIRouter(prefix="/v1/drive_gains", tags=["drive gains"])
         words="drive gains",
         shown="Show drive gains, with the result once there is one.",
         deleted="Delete drive gains; the robot keeps those that it states.",
+        tables=_tables,
     ),
     NewJob("drive_gains", "dynident_service.work.drive_gains:find_gains"),
 )

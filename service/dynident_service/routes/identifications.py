@@ -14,11 +14,13 @@ from dynident_service.models.identifications import (
     ExportQuery,
     ExtensionRequest,
     IdentificationRequest,
+    IdentificationResult,
     IdentificationView,
     Lineage,
     RemovalRequest,
     StoredIdentification,
 )
+from dynident_service.models.tables import Tables
 from dynident_service.problems import unusable
 from dynident_service.routes.common import LabelledQueryDep, RetryKeyDep, computed, make, page_of, succeeded
 from dynident_service.routes.diagnosed import as_diagnosed
@@ -75,6 +77,17 @@ def list_identifications(
 ) -> Page[IdentificationView]:
     """List the identifications, newest first; those of one robot if asked."""
     return page_of(services, "identification", query, _show_briefly if brief else show, robot_id)
+
+
+@router.get("/{identification_id}/tables")
+def get_tables(identification_id: str, services: ServicesDep) -> Tables:
+    """Show the parameters and shape constants as tables for people, as on the command line and in reports."""
+    with importing():
+        from dynident_service.adapters.identifications import identification_tables
+        from dynident_service.adapters.tables import show_tables
+
+    found = succeeded(services.resources.get("identification", identification_id))
+    return Tables(items=show_tables(identification_tables(IdentificationResult.model_validate(found.result))))
 
 
 @router.post("/{identification_id}/extend", status_code=202)

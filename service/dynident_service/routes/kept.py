@@ -11,6 +11,7 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import BaseModel
 
 from dynident_service.models.common import Computed, LabelsRequest, Page, plain
+from dynident_service.models.tables import Table
 from dynident_service.routes.common import LabelledQueryDep, ListQueryDep, RetryKeyDep, computed, make, page_of
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Kind, NewJob, NewResource, Resource, RestsOn
@@ -28,7 +29,7 @@ class Kept:
     `show` tells how one is shown that no job computes; `of` is the kind that each of them rests on, whose list may be
     asked for, if there is one. `several` and `one` are in the names of the operations, `listed`, `words`, `shown`,
     `deleted` and `labelled` in their descriptions: what is not given follows from the kind. Those that may be
-    `labelled` may be archived.
+    `labelled` may be archived. `tables` has the figures of one that was computed as tables, if it can be shown so.
     """
 
     kind: Kind
@@ -42,6 +43,7 @@ class Kept:
     shown: str = ""
     deleted: str = ""
     labelled: str = ""
+    tables: Callable[[Services, Resource], list[Table]] | None = None
 
 
 SHOWN: dict[Kind, Show] = {}
@@ -54,7 +56,11 @@ def keep(router: APIRouter, kept: Kept, *, with_list: bool = True) -> None:
     SHOWN[kind] = show
 
     def shown(identifier: str, services: ServicesDep) -> object:
-        return show(services.resources.get(kind, identifier))
+        found = services.resources.get(kind, identifier)
+        if kept.tables is None or found.result is None:
+            return show(found)
+        assert issubclass(kept.view, Computed)
+        return computed(kept.view, found, tables=kept.tables(services, found))
 
     def deleted(identifier: str, services: ServicesDep) -> None:
         services.resources.delete(kind, identifier)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, File, Request, Response, UploadFile
 
-from dynident_service.models.geometry import GeometryView
+from dynident_service.models.geometry import GeometryView, PosesView, PosturesRequest
 from dynident_service.models.robots import MeshesView
 from dynident_service.problems import unusable
 from dynident_service.routes.needs import needed
@@ -76,6 +76,22 @@ def get_geometry(robot_id: str, services: ServicesDep) -> GeometryView | Respons
         from dynident_service.adapters.robots import robot_of
 
     return describe_geometry(robot_of(robot.request))
+
+
+@router.post("/{robot_id}/poses")
+def find_poses(robot_id: str, body: PosturesRequest, services: ServicesDep) -> PosesView:
+    """Say where the frames of the robot's geometry are at postures of its joints; closed loops are followed."""
+    with importing():
+        import numpy as np
+
+        from dynident_service.adapters.geometry import describe_poses
+        from dynident_service.adapters.robots import robot_of
+
+    robot = robot_of(services.resources.get("robot", robot_id).request)
+    for index, posture in enumerate(body.positions):
+        if len(posture) != robot.n:
+            raise unusable(f"give a position for each of its joints: {robot.n}", f"/positions/{index}")
+    return describe_poses(robot, np.array(body.positions))
 
 
 async def inherited(

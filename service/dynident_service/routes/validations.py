@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from fastapi import APIRouter
 
 from dynident_service.models.identifications import StoredIdentification
-from dynident_service.models.validations import ValidationRequest, ValidationView
+from dynident_service.models.tables import Table
+from dynident_service.models.validations import ValidationRequest, ValidationResult, ValidationView
 from dynident_service.problems import unusable
 from dynident_service.routes.kept import Kept, asked_for
 from dynident_service.routes.needs import needed_measurements, needed_model, resting_on
@@ -18,9 +19,19 @@ from dynident_service.storage.records import NewJob, Resource, RestsOn
 router = APIRouter(prefix="/v1/validations", tags=["validations"])
 
 
+def _tables(services: Services, found: Resource) -> list[Table]:
+    with importing():
+        from dynident_service.adapters.tables import show_tables
+        from dynident_service.adapters.validation_tables import tables_of
+
+    model = services.resources.get("identification", found.one("identification"))
+    joints = [] if model.result is None else model.result["joints"]
+    return show_tables(tables_of(ValidationResult.model_validate(found.result), joints))
+
+
 @asked_for(
     router,
-    Kept("validation", ValidationView, of="identification"),
+    Kept("validation", ValidationView, of="identification", tables=_tables),
     NewJob("validation", "dynident_service.work.validations:validate_model"),
 )
 def create_validation(services: Services, body: ValidationRequest) -> Sequence[RestsOn]:

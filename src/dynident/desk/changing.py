@@ -58,7 +58,7 @@ class Changes(Sequence[Change], Framed):
         rows = [
             (
                 one.choice.effect,
-                place_text(one.choice.joints, self.model.robot),
+                place_text(one.choice.joints, self.model.robot.joint_names),
                 value.parameter,
                 value.before,
                 value.value,

@@ -108,7 +108,7 @@ class DiagnosedModel(Framed):
         return (
             one.rank,
             one.effect,
-            place_text(one.joints, self.model.robot),
+            place_text(one.joints, self.model.robot.joint_names),
             shape_text(one.choice),
             one.error_before,
             one.error_after,
@@ -130,7 +130,9 @@ class DiagnosedModel(Framed):
 
     def _repr_html_(self) -> str:
         robot, found = self.model.robot, self.diagnosis
-        recommended = [f"{title_of(one.effect)} on {place_text(one.joints, robot)}" for one in found.recommended]
+        recommended = [
+            f"{title_of(one.effect)} on {place_text(one.joints, robot.joint_names)}" for one in found.recommended
+        ]
         invisible = hidden_text(found, robot)
         return block(
             paragraph(found.summary, strong=True),

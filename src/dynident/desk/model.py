@@ -286,4 +286,4 @@ def _change(one: Identification) -> str:
 
 def _words(choice: EffectChoice, robot: Robot) -> str:
     shape = f" ({shape_text(choice)})" if choice.shape else ""
-    return f"{title_of(choice.effect)} on {place_text(choice.joints, robot)}{shape}"
+    return f"{title_of(choice.effect)} on {place_text(choice.joints, robot.joint_names)}{shape}"

@@ -11,9 +11,10 @@ if TYPE_CHECKING:
     from dynident.reports.report import html_report
     from dynident.reports.run import ReportedRun
     from dynident.reports.stated import ReportChoices
-    from dynident.reports.validated import ReportedTable, ReportedValidation
+    from dynident.reports.tables import Cell, ReportedTable
+    from dynident.reports.validated import ReportedValidation
 
-__all__ = ["ReportChoices", "ReportedRun", "ReportedTable", "ReportedValidation", "html_report", "pdf_of"]
+__all__ = ["Cell", "ReportChoices", "ReportedRun", "ReportedTable", "ReportedValidation", "html_report", "pdf_of"]
 
 if not TYPE_CHECKING:
     # Matplotlib takes longer to load than most commands to run: only who draws waits for it. Who writes numbers in

@@ -18,7 +18,7 @@ def candidate_rows(ranked: Iterable[RankedEffect], robot: Robot) -> list[tuple[s
         (
             str(one.rank),
             title_of(one.effect),
-            place_text(one.joints, robot),
+            place_text(one.joints, robot.joint_names),
             percent(one.error_before),
             percent(one.error_after),
             percent(one.error_drop, 2),

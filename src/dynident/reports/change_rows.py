@@ -33,7 +33,7 @@ def change_rows(one: Change, robot: Robot) -> Iterator[ChangeCells]:
     for value in (one.main, *one.more):
         yield ChangeCells(
             title_of(one.choice.effect),
-            place_text(one.choice.joints, robot),
+            place_text(one.choice.joints, robot.joint_names),
             value.parameter,
             "–" if value.before is None else number(value.before),
             _signed(value.value),

@@ -4,17 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from dynident.reports.tables import ReportedTable
 from dynident.validation import Judged
-
-
-@dataclass(frozen=True)
-class ReportedTable:
-    """Figures behind a verdict, in words: a title, column heads, rows as wide as these; numbers from one column on."""
-
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    numbers_from: int = 1
 
 
 @dataclass(frozen=True)

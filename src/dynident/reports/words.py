@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ from dynident.identification.parameters.judgement import ParameterJudgement
 from dynident.identification.shapes.shape_constants import ShapeConstant, ShapeJudgement
 from dynident.identification.study.gain import BestRung
 from dynident.reports.numbers import estimate
+from dynident.reports.tables import Mark
 from dynident.robot import Robot
 from dynident.robot.pointers import listed
 
@@ -23,9 +24,9 @@ if TYPE_CHECKING:
 _MANY_JOINTS = 8
 
 
-def place_text(joints: tuple[str, ...], robot: Robot) -> str:
-    """Joints in words."""
-    if len(joints) == robot.n > 1:
+def place_text(joints: Sequence[str], all_joints: Sequence[str]) -> str:
+    """Joints of a robot in words."""
+    if len(joints) == len(all_joints) > 1:
         return "all joints"
     return ", ".join(joints) or "the whole robot"
 
@@ -94,7 +95,7 @@ class Marked:
     """Words, and whether they are good news: the class of a mark."""
 
     words: str
-    mark: str
+    mark: Mark
 
 
 JUDGED: Mapping[ParameterJudgement, Marked] = MappingProxyType(

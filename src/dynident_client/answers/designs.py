@@ -32,12 +32,15 @@ class CriterionValues(TypedDict):
 
 
 class DesignClearances(TypedDict):
-    """How near each link is to others and to the surroundings along a motion."""
+    """How near each link is to others and to the surroundings along a motion, and what these look like."""
 
+    edges: list[tuple[tuple[float, float, float], tuple[float, float, float]]]
+    """Of the boxes around the robot: their ends, m, in the base frame"""
     links: list[LinkClearances]
     """Those that are kept clear of anything"""
     t: list[float]
     """s"""
+    walls: list[WallPlane]
 
 
 class DesignResult(TypedDict):
@@ -138,3 +141,12 @@ class SimulationResult(TypedDict):
     sampling_rate: float
     tracking_error: list[float]
     """Largest distance from the reference per joint"""
+
+
+class WallPlane(TypedDict):
+    """The plane of a wall."""
+
+    along: tuple[tuple[float, float, float], tuple[float, float, float]]
+    """Unit vectors in it, at right angles"""
+    point: tuple[float, float, float]
+    """m, in the base frame"""

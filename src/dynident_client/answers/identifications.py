@@ -90,6 +90,8 @@ class EssentialView(TypedDict):
     """Why the elimination ended"""
     residual: ErrorsView
     steps: list[EssentialStepView]
+    tables: list[Table]
+    """The steps and the parameters as tables for people"""
     validation: ErrorsView | None
 
 
@@ -263,6 +265,42 @@ class StopView(TypedDict):
     cause: str
     measurement_id: str | None
     """Where the mistake is, as far as that is known"""
+
+
+class Table(TypedDict):
+    """A table in words: the same on the command line and in reports."""
+
+    columns: list[TableColumn]
+    groups: list[str]
+    """The heading that each row stands under; [] where there are none"""
+    rows: list[list[TableCell]]
+    title: str
+
+
+class TableCell(TypedDict):
+    """What stands in one place of a table."""
+
+    mark: Literal["ok", "warning", "error", "plain"] | None
+    """How good the news is"""
+    note: str
+    """What more there is to say to who asks"""
+    text: str
+    value: float | None
+    """Of a figure, exactly"""
+
+
+class TableColumn(TypedDict):
+    """A column of a table."""
+
+    figures: bool
+    """Whether it holds figures"""
+    word: str
+
+
+class Tables(TypedDict):
+    """Several tables."""
+
+    items: list[Table]
 
 
 class UseView(TypedDict):

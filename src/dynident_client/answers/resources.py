@@ -200,6 +200,14 @@ class MeshesView(TypedDict):
     """Files that were sent and that no mesh of the description means"""
 
 
+class PosesView(TypedDict):
+    """Where the frames of a robot's geometry are."""
+
+    poses: list[list[list[float] | None]]
+    """[posture][frame]: 12 numbers, the rotation beside the origin (m) in the base frame, row by row; null for what
+    moves in a loop that cannot be closed there"""
+
+
 class Problem(TypedDict, total=False):
     """The body of every error (RFC 9457)."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,9 +14,6 @@ from dynident_service.cli.options import Json, Measurements, RobotArgument, Robo
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-    from dynident.identification import DriveGains as Gains
-    from dynident.identification import PayloadEstimate
 
 
 def gains(
@@ -50,8 +46,8 @@ def gains(
     """
     from dynident.identification import identify_gains, payload_mass
     from dynident.progress import part
-    from dynident_service.adapters.drive_gains import describe_gains
-    from dynident_service.cli import inputs, telling
+    from dynident_service.adapters.drive_gains import describe_gains, gain_tables
+    from dynident_service.cli import inputs, telling, terminal
 
     if weigh_unloaded and not weigh:
         raise DynidentError("nothing is to be weighed: give --weigh too", pointer="--weigh-unloaded")
@@ -67,28 +63,13 @@ def gains(
         other, bare = rest[len(loaded) :][: len(weigh)], rest[len(loaded) + len(weigh) :]
         loads = [(one.name, payload_mass(machine, bare or unloaded, one, gains=found)) for one in other]
         read.progress(1.0, "solved")
-    named = [(name, name, load) for name, load in loads]
-    telling.say(as_json, lambda: describe_gains(machine, found, named), lambda console: _show(console, found, loads))
-
-
-def _show(console: Console, found: Gains, loads: Sequence[tuple[str, PayloadEstimate]]) -> None:
-    from dynident.reports.numbers import estimate, number
-    from dynident_service.cli import terminal
-
-    rows = [
-        [name, number(stated, 4), *estimate(value, 1.96 * deviation), "yes" if known else "no"]
-        for name, stated, value, deviation, known in zip(
-            found.joint_names, found.stated, found.values, found.standard_deviations, found.identifiable, strict=True
-        )
-    ]
-    console.print(terminal.table("", ("joint", "stated", "gain", "± 95 %", "identifiable"), rows))
+    described = describe_gains(machine, found, [(name, name, load) for name, load in loads])
     said = ",".join(f"{value:.4g}" for value in found.values)
-    console.print(f"To identify with them: --drive-gains {said}", soft_wrap=True)
-    if loads:
-        weighed = [
-            [name, *estimate(load.mass, 1.96 * load.standard_deviation), "yes" if load.identifiable else "no"]
-            for name, load in loads
-        ]
-        console.print(terminal.table("", ("load", "kg", "± 95 %", "shows at all"), weighed))
-    for warning in found.warnings:
-        console.print(f"! {warning}")
+
+    def show(console: Console) -> None:
+        terminal.print_tables(console, gain_tables(described))
+        console.print(f"To identify with them: --drive-gains {said}", soft_wrap=True)
+        for warning in found.warnings:
+            console.print(f"! {warning}")
+
+    telling.say(as_json, lambda: described, show)

@@ -163,7 +163,7 @@ def _candidate(item: RankedEffect, robot: Robot) -> CandidateRow:
     return CandidateRow(
         item,
         effect_by_id(item.effect).title,
-        place_text(item.joints, robot),
+        place_text(item.joints, robot.joint_names),
         percent(item.error_before),
         percent(item.error_after),
         percent(item.error_drop, 2),
@@ -183,7 +183,7 @@ def _changed(changes: Sequence[Change], robot: Robot) -> Iterator[ChangeRow]:
 
 def _choice(choice: EffectChoice, robot: Robot) -> ChoiceText:
     effect = effect_by_id(choice.effect)
-    return ChoiceText(effect.title, effect.id, place_text(choice.joints, robot), shape_text(choice))
+    return ChoiceText(effect.title, effect.id, place_text(choice.joints, robot.joint_names), shape_text(choice))
 
 
 def _invisible(diagnosis: Diagnosis, robot: Robot) -> Iterator[InvisibleRow]:
@@ -192,7 +192,7 @@ def _invisible(diagnosis: Diagnosis, robot: Robot) -> Iterator[InvisibleRow]:
         joints = tuple(dict.fromkeys(name for item in items for name in item.joints))
         yield InvisibleRow(
             effect_by_id(effect).title,
-            place_text(joints, robot),
+            place_text(joints, robot.joint_names),
             tuple(dict.fromkeys(item.brief or item.reason for item in items)),
         )
 

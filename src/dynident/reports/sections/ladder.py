@@ -99,7 +99,7 @@ def _rung(index: int, model: Identification, mark: str) -> Rung:
 
 def _words(choice: EffectChoice, robot: Robot) -> str:
     shape = f" ({shape_text(choice)})" if choice.shape else ""
-    return f"{effect_by_id(choice.effect).title} on {place_text(choice.joints, robot)}{shape}"
+    return f"{effect_by_id(choice.effect).title} on {place_text(choice.joints, robot.joint_names)}{shape}"
 
 
 def _joint(name: str, errors: Sequence[float], floor: FloatArray | None, joint: int) -> JointRow:

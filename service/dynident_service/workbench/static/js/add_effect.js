@@ -34,9 +34,7 @@ export function addByHand(model, add) {
     add([{ effect: effect.value, joints, shape_parameters }], said);
   };
   let form = null;
-  return h(
-    "details",
-    { id: "by-hand" },
+  return h("details", { id: "by-hand" },
     h("summary", {}, "Add an effect by hand"),
     (form = h("form", { onsubmit: submit }, field("Effect", effect), places, shapes, said, h("p", {}, h("button", {}, "Add to the model")), about)),
   );

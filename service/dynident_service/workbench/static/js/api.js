@@ -40,6 +40,18 @@ export function ahead(path, answer = ask("GET", path)) {
   early.set(path, { answer: answer.catch(() => null), at: performance.now() });
 }
 
+/** What is read once and kept; what could not be read is asked for again. */
+export function once(read) {
+  let reading = null;
+  return () => {
+    reading ??= read().catch((error) => {
+      reading = null;
+      throw error;
+    });
+    return reading;
+  };
+}
+
 /** A JSON document by its whole address. */
 export async function whole(path) {
   return (await send("GET", path, {})).json();

@@ -73,12 +73,8 @@ function navigation(view) {
 function askForKey() {
   if (document.querySelector("dialog[open]")) return;
   const input = h("input", { type: "password", id: "api-key", autocomplete: "off", required: true });
-  const dialog = h(
-    "dialog",
-    { "aria-labelledby": "key-title" },
-    h(
-      "form",
-      { method: "dialog" },
+  const dialog = h("dialog", { "aria-labelledby": "key-title" },
+    h("form", { method: "dialog" },
       h("h2", { id: "key-title" }, "API key"),
       h("p", {}, "This service asks for an API key. It is kept in this tab only."),
       h("label", { for: "api-key" }, "Key"),

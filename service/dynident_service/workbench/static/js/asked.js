@@ -3,21 +3,25 @@
 import { field, h, select } from "./dom.js";
 
 const LONGEST_LABEL = 42;
+const AS_USUAL = ["", "as usual", ""];
 
-/** Controls for those of `fields` that a number, a word, a mark or a list can say; `given` are values to begin with. */
-export function controls(fields, { but = [], given = {}, pointer = "", prefix = "" } = {}) {
+/**
+ * Controls for those of `fields` that a number, a word, a mark or a list can say; `given` are values to begin
+ * with, `none` is what choosing nothing is called, `longestLabel` how long a description may be that stands as the label of a choice.
+ */
+export function controls(fields, { but = [], given = {}, pointer = "", prefix = "", none = AS_USUAL, longestLabel = LONGEST_LABEL } = {}) {
   return Object.entries(fields)
     .filter(([id, schema]) => !but.includes(id) && makerOf(schema))
-    .map(([id, schema]) => control(id, schema, { given: given[id], pointer: `${pointer}/${id}`, prefix }));
+    .map(([id, schema]) => control(id, schema, { given: given[id], pointer: `${pointer}/${id}`, prefix, none, longestLabel }));
 }
 
 /** A control of one field: { id, element, input, read }. */
-function control(id, schema, { given, pointer = `/${id}`, prefix = "" } = {}) {
-  const made = makerOf(schema)(schema, given ?? schema.default ?? null, { id: `${prefix}${id}`, name: id });
+function control(id, schema, { given, pointer, prefix, none, longestLabel }) {
+  const made = makerOf(schema)(schema, given ?? schema.default ?? null, { id: `${prefix}${id}`, name: id }, none);
   const unit = schema["x-unit"];
   const words = (schema.description ?? "").replace(`, in ${unit}`, "");
   // Beneath a choice stands what the chosen one is for.
-  const label = made.hint !== undefined && words && words.length <= LONGEST_LABEL ? words : labelOf(id);
+  const label = made.hint !== undefined && words && words.length <= longestLabel ? words : labelOf(id);
   const element = field(unit ? `${label} (${unit})` : label, made.input, { pointer, hint: made.hint ?? words });
   element.title = words;
   made.shown?.(element.querySelector("small"));
@@ -57,9 +61,9 @@ function mayBeNull(schema) {
 }
 
 /** One of several, with what the chosen one is for beneath it. */
-function choice(schema, value, props) {
+function choice(schema, value, props, none) {
   const all = schema["x-choices"].map((one) => [one.name, one.label, one.words]);
-  if (mayBeNull(schema)) all.unshift(["", "as usual", ""]);
+  if (mayBeNull(schema)) all.unshift(none);
   const wordsOf = (name) => all.find(([known]) => known === name)?.[2] || "\u00a0";
   const name = value?.name ?? value ?? "";
   let note = null;

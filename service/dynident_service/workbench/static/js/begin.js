@@ -79,9 +79,7 @@ function step(title, body) {
 function robotChoice(state, choose) {
   if (!state.robots.length) return null;
   const radios = state.robots.map((robot) =>
-    h(
-      "label",
-      { class: "pick-one" },
+    h("label", { class: "pick-one" },
       h("input", { type: "radio", name: "robot", value: robot.id, checked: robot === state.robot, onchange: () => choose(robot) }),
       h("strong", {}, ` ${robot.name} `),
       h("span", { class: "note" }, `${counted(robot.joints.length, "joint")}, ${counted(robot.base_parameters.count, "base parameter")}${gains(robot)}`),

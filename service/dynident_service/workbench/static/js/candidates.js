@@ -1,10 +1,9 @@
 // The ranked effects of a diagnosis, each with its evidence and the figure that shows it.
 
-import { aboutEffect, placeOf, shapeInWords, titleOf } from "./catalogue.js";
+import { placeOf, shapeInWords, titleOf } from "./catalogue.js";
 import { h, numeric, put, right, row, table } from "./dom.js";
-import { drawEvidence } from "./evidence.js";
+import { evidenceOf } from "./evidence.js";
 import { number, percent, pValue } from "./format.js";
-import { formula } from "./formula.js";
 
 const COLUMNS = 8;
 
@@ -58,17 +57,7 @@ export function addButton(model, one, title, add) {
 }
 
 function fillEvidence(cell, model, one, signal) {
-  const figure = h("div", { class: "chart" });
-  const equivalent = one.equivalent.map((id) => titleOf(model.effects, id)).join(", ");
-  put(
-    cell,
-    h("p", {}, one.evidence),
-    equivalent ? h("p", { class: "box warning" }, `This data cannot tell it apart from: ${equivalent}.`) : null,
-    one.significant ? null : h("p", {}, `Not significant (t = ${number(one.t_value)}, p = ${pValue(one.p_value)}): add it only if you know that it is there.`),
-    h("div", { class: "two" }, figure, aboutEffect(model.effects, one.effect, formula)),
-  );
-  // Effects far down the list have no figure.
-  drawEvidence(figure, model.diagnosis, one.rank, signal).catch((error) => {
-    if (!signal.aborted) put(figure, h("p", { class: "note" }, error.message));
-  });
+  const { words, figure, about } = evidenceOf(model, one, signal);
+  const doubt = `Not significant (t = ${number(one.t_value)}, p = ${pValue(one.p_value)}): add it only if you know that it is there.`;
+  put(cell, words, one.significant ? null : h("p", {}, doubt), h("div", { class: "two" }, figure, about));
 }

@@ -1,22 +1,14 @@
 // The catalogue of effects, read once; how effects and their places are named.
 
-import { get } from "./api.js";
+import { get, once } from "./api.js";
 import { h } from "./dom.js";
 import { quantity } from "./format.js";
 
-let reading = null;
-
 /** The catalogue: { items, byId }. */
-export function catalogue() {
-  reading ??= get("/effects").then(
-    ({ items }) => ({ items, byId: new Map(items.map((one) => [one.id, one])) }),
-    (error) => {
-      reading = null;
-      throw error;
-    },
-  );
-  return reading;
-}
+export const catalogue = once(async () => {
+  const { items } = await get("/effects");
+  return { items, byId: new Map(items.map((one) => [one.id, one])) };
+});
 
 /** The title of an effect. */
 export function titleOf(effects, id) {
@@ -36,7 +28,7 @@ export function choiceInWords(effects, choice, all = []) {
 }
 
 /** What a value of a shape constant means that is a choice between kinds; null where it is a number. */
-export function kindInWords(effects, effect, name, value) {
+function kindInWords(effects, effect, name, value) {
   const words = effects.byId.get(effect)?.shape_parameters.find((one) => one.name === name)?.words ?? [];
   return words.find((one) => Math.abs(one.value - value) < 0.5)?.word ?? null;
 }
@@ -58,9 +50,7 @@ export function aboutEffect(effects, id, formula) {
   if (!effect) return null;
   const others = effect.confused_with.map((one) => titleOf(effects, one)).join(", ");
   const parameters = [...effect.parameters, ...effect.shape_parameters];
-  return h(
-    "dl",
-    { class: "facts" },
+  return h("dl", { class: "facts" },
     h("dt", {}, "Formula"),
     h("dd", {}, formula(effect.formula)),
     h("dt", {}, "Leaves in the residual"),

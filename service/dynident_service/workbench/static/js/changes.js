@@ -1,53 +1,29 @@
 // What has changed in the robot between an earlier and a later set of measurements.
 
-import { get, post } from "./api.js";
+import { get } from "./api.js";
 import { placeOf, titleOf } from "./catalogue.js";
-import { h, numeric, put, right, row, table } from "./dom.js";
+import { figures, h, listed, numeric, put, right, row, table } from "./dom.js";
 import { interval, number, pValue, percent } from "./format.js";
-import { pressed, problemBox, showInForm } from "./problem.js";
+import { orSay, sending } from "./problem.js";
+import { usesOf } from "./uses.js";
 
 const SETS = [["", "leave out"], ["before", "before"], ["after", "after"]];
 
 /** A form that asks for a diagnosis against a baseline; `ask(body)` starts it. */
 export function changesForm(model, ask, signal) {
-  const places = h("div", { class: "list-of-choices", id: "days" });
+  const fitted = model.identification.request.measurement_ids;
   const said = h("div");
-  const uses = new Map();
-  const chosen = (use) => [...uses].filter(([, control]) => control.value === use).map(([id]) => id);
+  const uses = usesOf(SETS, { usual: (one) => (fitted.includes(one.id) ? "before" : ""), called: "Use", id: "days" });
   const submit = h("button", { class: "main", id: "what-changed" }, "What has changed?");
-  const form = h("form", { onsubmit: (event) => send(event) }, places, h("p", { class: "actions" }, submit), said);
-
-  async function fill() {
-    try {
-      const { items } = await get("/measurements", { robot_id: model.robot.id, limit: 200 }, signal);
-      const fitted = model.identification.request.measurement_ids;
-      put(places, items.map((one) => line(one, fitted.includes(one.id) ? "before" : "")));
-    } catch (error) {
-      if (!signal.aborted) put(said, problemBox(error));
-    }
-  }
-
-  function line(one, use) {
-    const control = h("select", { id: `day-${one.id}` }, SETS.map(([value, text]) => h("option", { value, selected: value === use }, text)));
-    uses.set(one.id, control);
-    return h("p", {}, h("label", { for: control.id }, one.name ?? one.id), " ", control);
-  }
-
-  async function send(event) {
-    event.preventDefault();
-    put(said);
-    const [before, after] = [chosen("before"), chosen("after")];
-    if (!before.length || !after.length) {
-      put(said, h("p", { class: "box warning" }, "Choose at least one measurement before and one after."));
-      return;
-    }
-    await pressed(submit, async () => {
-      await ask({ identification_id: model.id, baseline_ids: before, measurement_ids: after });
-    }, (error) => showInForm(form, said, error), signal);
-  }
-
-  return h("details", { id: "changes-form", ontoggle: (event) => { if (event.target.open && !uses.size) fill(); } },
-    h("summary", {}, "What has changed since an earlier day?"), form);
+  const send = sending(submit, said, async () => {
+    const [before, after] = [uses.chosen("before"), uses.chosen("after")];
+    if (!before.length || !after.length) return void put(said, h("p", { class: "box warning" }, "Choose at least one measurement before and one after."));
+    await ask({ identification_id: model.id, baseline_ids: before, measurement_ids: after });
+  }, signal);
+  const fill = () => orSay(said, async () => uses.update((await get("/measurements", { robot_id: model.robot.id, limit: 200 }, signal)).items), signal);
+  return h("details", { id: "changes-form", ontoggle: (event) => { if (event.target.open) fill(); } },
+    h("summary", {}, "What has changed since an earlier day?"),
+    h("form", { onsubmit: send }, uses.element, h("p", { class: "actions" }, submit), said));
 }
 
 /** The changes that a diagnosis found, and what friction did, each with its interval; nothing where it had no baseline. */
@@ -66,17 +42,16 @@ function changedTable(model, result) {
 function frictionTable(result) {
   if (!result.friction?.length) return null;
   const reach = Math.max(1e-9, ...result.friction.filter((one) => one.before > 0).flatMap(shares).map(Math.abs));
-  const rows = result.friction.map((one) => row([
-    h("code", {}, one.joint),
-    { class: "n", text: `${number(one.speed)} ${one.unit === "N" ? "m/s" : "rad/s"}` },
-    numeric(number(one.before), one.before),
-    numeric(number(one.value), one.value),
-    { class: "n", text: interval(...one.interval, one.unit) },
-    numeric(one.before > 0 ? percent(one.value / one.before) : "–", one.value / one.before),
-    one.before > 0 ? spanOf(one, reach) : "",
-  ]));
-  const head = ["joint", right("at a speed of"), right("before"), right("difference"), right("95 % interval"), right("of what it was"), `−${percent(reach)} to +${percent(reach)}`];
-  return h("div", { id: "friction-since" }, table("Friction of each joint since the baseline, a finding or not", head, rows));
+  const columns = [
+    ["joint", (one) => h("code", {}, one.joint)],
+    [right("at a speed of"), (one) => ({ class: "n", text: `${number(one.speed)} ${one.unit === "N" ? "m/s" : "rad/s"}` })],
+    figures("before", (one) => one.before, (value) => number(value)),
+    figures("difference", (one) => one.value, (value) => number(value)),
+    [right("95 % interval"), (one) => ({ class: "n", text: interval(...one.interval, one.unit) })],
+    figures("of what it was", (one) => (one.before > 0 ? one.value / one.before : null), (value) => percent(value)),
+    [`−${percent(reach)} to +${percent(reach)}`, (one) => (one.before > 0 ? spanOf(one, reach) : "")],
+  ];
+  return h("div", { id: "friction-since" }, listed("Friction of each joint since the baseline, a finding or not", columns, result.friction));
 }
 
 function shares(one) {

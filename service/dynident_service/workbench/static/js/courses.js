@@ -1,9 +1,9 @@
 // One parameter day by day, with its intervals.
 
 import { lastAsked } from "./api.js";
-import { h, put, select } from "./dom.js";
+import { h, select } from "./dom.js";
 import { number, quantity } from "./format.js";
-import { axis, colour, onColours, plot } from "./plots.js";
+import { colour, figure, onColours } from "./plots.js";
 
 /** A figure of one course, and a choice among all of them: what has changed first. */
 export function courseFigure(result, signal) {
@@ -24,28 +24,17 @@ export function courseFigure(result, signal) {
 }
 
 function paint(target, days, course, signal) {
-  const value = (_, raw) => (raw === null || raw === undefined ? "–" : quantity(raw, course.unit));
-  const hidden = { class: "edge", stroke: "transparent", width: 0, points: { show: false }, value };
   const numbers = days.map((_, index) => index + 1);
-  const options = {
+  const upright = (_, ticks, __, ___, step) => ticks.map((one) => one.toFixed(Math.max(0, -Math.floor(Math.log10(step) + 1e-9))));
+  figure(target, {
+    title: `${course.parameter} day by day, with 95 % intervals`,
     height: 230,
-    series: [
-      { label: "day", value: (_, raw) => (raw === null || raw === undefined ? "–" : days[raw - 1]) },
-      { ...hidden, label: "upper end" },
-      { ...hidden, label: "lower end" },
-      { label: course.parameter, stroke: colour("predicted"), width: 1, points: { show: true, size: 7, fill: colour("predicted") }, value },
-    ],
-    scales: { x: { time: false, range: () => [0.5, days.length + 0.5] } },
-    axes: [
-      { ...axis("day", 2), splits: () => numbers, values: (_, ticks) => ticks.map((one) => shortened(days[one - 1], days.length)) },
-      { ...axis(`${course.parameter} (${course.unit})`, 3), values: (_, ticks, __, ___, step) => ticks.map((one) => one.toFixed(Math.max(0, -Math.floor(Math.log10(step) + 1e-9)))) },
-    ],
-    hooks: { draw: [(figure) => bars(figure, course)] },
-    cursor: { drag: { x: false, y: false } },
-    legend: { live: true },
-  };
-  put(target, h("p", { class: "chart-title" }, `${course.parameter} day by day, with 95 % intervals`));
-  plot(target, options, [numbers, course.upper, course.lower, course.values], signal);
+    x: { label: "day", words: (raw) => days[raw - 1], values: numbers, scale: { range: () => [0.5, days.length + 0.5] }, axis: { splits: () => numbers, values: (_, ticks) => ticks.map((one) => shortened(days[one - 1], days.length)) } },
+    y: { label: `${course.parameter} (${course.unit})`, words: (raw) => quantity(raw, course.unit), axis: { values: upright } },
+    band: { names: ["upper end", "lower end"], ends: [course.upper, course.lower] },
+    lines: [{ label: course.parameter, values: course.values, stroke: colour("predicted"), width: 1, points: { show: true, size: 7, fill: colour("predicted") } }],
+    options: { bands: [], hooks: { draw: [(made) => bars(made, course)] } },
+  }, signal);
   const last = course.values.findLast((one) => one !== null);
   if (last !== undefined) target.append(h("p", { class: "note" }, `On the last day that shows it: ${number(last)} ${course.unit}.${course.varies ? "" : " Days are not taken to differ in it: the others' data are used for each."}`));
 }

@@ -4,8 +4,8 @@ import { get, post } from "./api.js";
 import { changeRows } from "./changes.js";
 import { courseFigure } from "./courses.js";
 import { announce, h, put, right, section, table } from "./dom.js";
-import { computed, progressBar } from "./jobs.js";
-import { problemBox, showInForm } from "./problem.js";
+import { awaited, newestOf } from "./jobs.js";
+import { orSay, sending } from "./problem.js";
 
 /** Asks which measurement is of which day, and shows the newest series of the model. */
 export function daysSection(model, signal) {
@@ -14,21 +14,18 @@ export function daysSection(model, signal) {
   const state = { latest: null };
 
   async function known() {
-    const { items } = await get("/series", { identification_id: model.id, limit: 20 }, signal);
-    state.latest = items.find((one) => one.status === "succeeded") ?? null;
+    state.latest = await newestOf("/series", { identification_id: model.id }, signal, (one) => one.status === "succeeded");
     if (state.latest) put(body, shown(model, state.latest, signal));
   }
   async function ask(asked) {
     const made = await post("/series", { identification_id: model.id, ...asked });
-    const bar = progressBar(made.job_id, "Following the days");
-    put(said, bar.element);
-    state.latest = await computed("/series", made, bar.update, signal).finally(() => put(said));
+    state.latest = await awaited("/series", made, "Following the days", said, signal);
     put(body, shown(model, state.latest, signal));
     announce(state.latest.result.summary);
   }
 
-  const choices = daysForm(model, state, ask, said, signal);
-  known().catch((error) => { if (!signal.aborted) put(said, problemBox(error)); });
+  const choices = daysForm(model, state, ask, signal);
+  orSay(said, known, signal);
   return section("days", "Over the days",
     h("p", { class: "note" }, "The same robot recorded again and again: what is different, from which day on, and each parameter day by day."),
     choices,
@@ -38,51 +35,36 @@ export function daysSection(model, signal) {
 }
 
 /** Which measurement is of which day; those of the series that is there are kept and not read again. */
-function daysForm(model, state, ask, said, signal) {
+function daysForm(model, state, ask, signal) {
   const places = h("div", { class: "list-of-choices", id: "days-of-series" });
   const wrong = h("div");
   const days = new Map();
   const submit = h("button", { class: "main", id: "follow-days" }, "Follow them");
 
-  async function fill() {
-    try {
-      const { items } = await get("/measurements", { robot_id: model.robot.id, limit: 200 }, signal);
-      const kept = await keptIn(state.latest, signal);
-      const own = items.filter((one) => !kept.has(one.id)).reverse();
-      days.clear();
-      put(
-        places,
-        kept.size ? h("p", { class: "note" }, `${kept.size} measurements of the series below come first and are not read again.`) : null,
-        own.length ? own.map((one, index) => line(one, index + 1)) : h("p", { class: "note" }, "Upload another day's measurement to go on."),
-      );
-      submit.disabled = !own.length;
-    } catch (error) {
-      if (!signal.aborted) put(wrong, problemBox(error));
-    }
-  }
+  const fill = () => orSay(wrong, async () => {
+    const { items } = await get("/measurements", { robot_id: model.robot.id, limit: 200 }, signal);
+    const kept = await keptIn(state.latest, signal);
+    const own = items.filter((one) => !kept.has(one.id)).reverse();
+    days.clear();
+    put(
+      places,
+      kept.size ? h("p", { class: "note" }, `${kept.size} measurements of the series below come first and are not read again.`) : null,
+      own.length ? own.map((one, index) => line(one, index + 1)) : h("p", { class: "note" }, "Upload another day's measurement to go on."),
+    );
+    submit.disabled = !own.length;
+  }, signal);
   function line(one, day) {
     const control = h("input", { type: "number", min: 1, step: 1, value: day, id: `series-${one.id}`, class: "short" });
     days.set(one, control);
     return h("p", {}, h("label", { for: control.id }, one.name ?? one.id), " day ", control);
   }
-  async function send(event) {
-    event.preventDefault();
-    put(wrong);
+  const send = sending(submit, wrong, async () => {
     const asked = inOrder(days);
-    if (asked.length + (state.latest ? 1 : 0) < 2) {
-      put(wrong, h("p", { class: "box warning" }, "Give at least two days a number; leave empty what is to be left out."));
-      return;
-    }
-    submit.disabled = true;
-    try {
-      await ask({ days: asked, continues: state.latest?.id ?? null });
-      await fill();
-    } catch (error) {
-      if (!signal.aborted) showInForm(form, said, error);
-    }
-    submit.disabled = !days.size;
-  }
-  const form = h("form", { onsubmit: (event) => send(event) }, h("p", { class: "note" }, "Measurements with the same number are of one day; without a number they are left out."), places, h("p", { class: "actions" }, submit), wrong);
+    if (asked.length + (state.latest ? 1 : 0) < 2) return void put(wrong, h("p", { class: "box warning" }, "Give at least two days a number; leave empty what is to be left out."));
+    await ask({ days: asked, continues: state.latest?.id ?? null });
+    await fill();
+  }, signal);
+  const form = h("form", { onsubmit: send }, h("p", { class: "note" }, "Measurements with the same number are of one day; without a number they are left out."), places, h("p", { class: "actions" }, submit), wrong);
   return h("details", { id: "days-form", ontoggle: (event) => { if (event.target.open) fill(); } }, h("summary", {}, "Which measurement is of which day?"), form);
 }
 

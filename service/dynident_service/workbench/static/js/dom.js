@@ -36,9 +36,7 @@ export function field(label, control, { hint = "", pointer = "", wide = false } 
   control.id ||= newId("field");
   const note = hint ? h("small", { class: "note", id: `${control.id}-hint` }, hint) : null;
   if (note) control.setAttribute("aria-describedby", note.id);
-  return h(
-    "div",
-    { class: wide ? "field wide" : "field", "data-pointer": pointer || null },
+  return h("div", { class: wide ? "field wide" : "field", "data-pointer": pointer || null },
     h("label", { for: control.id }, label),
     control,
     note,
@@ -54,17 +52,25 @@ export function select(options, chosen, onchange, props = {}) {
 /** A table from header cells and rows; a cell is text, a node, or { text, class }. */
 export function table(caption, head, rows, props = {}) {
   const named = head.map((cell) => (cell === "" ? unseen("actions") : cell));
-  return h(
-    "div",
-    { class: "scroll", tabindex: "0", role: "region", "aria-label": caption },
-    h(
-      "table",
-      props,
+  return h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": caption },
+    h("table", props,
       h("caption", {}, caption),
       h("thead", {}, h("tr", {}, named.map((cell) => cellOf("th", cell, { scope: "col" })))),
       h("tbody", {}, rows),
     ),
   );
+}
+
+/** A table with a row for each of `items`; a column is [head, cell(item, index)], and none where it is false. */
+export function listed(caption, columns, items, props = {}, rowProps = () => ({})) {
+  const shown = columns.filter(Boolean);
+  const rows = items.map((one, k) => row(shown.map(([, cell]) => cell(one, k)), rowProps(one, k)));
+  return table(caption, shown.map(([head]) => head), rows, props);
+}
+
+/** A column of figures: `value(item, index)` in `words`, and exactly for programs. */
+export function figures(head, value, words) {
+  return [right(head), (one, k) => numeric(words(value(one, k), one), value(one, k))];
 }
 
 /** The head of a column of figures. */
@@ -75,6 +81,22 @@ export function right(text) {
 /** A part of a page under its heading. */
 export function section(name, title, ...body) {
   return h("section", { "aria-labelledby": `${name}-title` }, h("h2", { id: `${name}-title` }, title), body);
+}
+
+/** A button that chooses a joint of a model. */
+export function jointButton(model, joint, props = {}) {
+  return h("button", { type: "button", "aria-pressed": String(joint === model.joint), onclick: () => model.chooseJoint(joint), ...props }, joint);
+}
+
+/** Figures that stand out: [name, value, what more there is to say, id of the value or null] each. */
+export function tiles(all) {
+  const tile = ([name, value, more, id = null]) => h("div", {}, h("dt", {}, name), h("dd", { class: "value", id }, value), h("dd", { class: "note" }, more));
+  return h("dl", { class: "tiles" }, all.map(tile));
+}
+
+/** A part of a page that its title names. */
+export function part(title, ...body) {
+  return h("section", { "aria-label": title }, h("h2", {}, title), body);
 }
 
 /** Words for those alone who have the page read to them. */

@@ -1,11 +1,10 @@
 // What a diagnosis found, a card an effect: the sentence, the figure that shows it, before and after, its rivals.
 
-import { aboutEffect, placeOf, shapeInWords, titleOf } from "./catalogue.js";
+import { placeOf, shapeInWords, titleOf } from "./catalogue.js";
 import { addButton } from "./candidates.js";
-import { h, put } from "./dom.js";
-import { drawEvidence } from "./evidence.js";
+import { h } from "./dom.js";
+import { evidenceOf } from "./evidence.js";
 import { percent, pValue } from "./format.js";
-import { formula } from "./formula.js";
 
 /** One card for each effect that the data ask for; null where there is none. */
 export function effectCards(model, result, add, signal) {
@@ -18,20 +17,13 @@ function card(model, one, add, signal) {
   const name = titleOf(model.effects, one.effect);
   const title = `${name} on ${placeOf(model.effects, one, model.joints)}`;
   const shape = shapeInWords(model.effects, one);
-  const figure = h("div", { class: "chart" });
-  const rivals = one.equivalent.map((id) => titleOf(model.effects, id)).join(", ");
-  drawEvidence(figure, model.diagnosis, one.rank, signal).catch((error) => {
-    if (!signal.aborted) put(figure, h("p", { class: "note" }, error.message));
-  });
-  return h(
-    "article",
-    { class: "card", "data-effect": one.effect, "aria-label": title },
+  const { words, figure, about } = evidenceOf(model, one, signal);
+  return h("article", { class: "card", "data-effect": one.effect, "aria-label": title },
     h("div", { class: "card-head" }, h("h3", {}, title, shape ? h("small", { class: "note" }, ` ${shape}`) : null), addButton(model, one, name, add)),
     beforeAndAfter(one),
-    h("p", {}, one.evidence),
-    rivals ? h("p", { class: "box warning" }, `This data cannot tell it apart from: ${rivals}.`) : null,
+    words,
     figure,
-    h("details", {}, h("summary", {}, "What this effect is"), aboutEffect(model.effects, one.effect, formula)),
+    h("details", {}, h("summary", {}, "What this effect is"), about),
   );
 }
 
@@ -43,9 +35,7 @@ function beforeAndAfter(one) {
     h("span", { class: "share" }, h("span", { class: `fill ${css}`, style: { width: `${(100 * value / Math.max(one.error_before, one.error_after, 1e-12)).toFixed(1)}%` } })),
     h("data", { value }, percent(value)),
   ];
-  return h(
-    "div",
-    { class: "before-after", title: `relative error on stretches left out of the fit; p ${pValue(one.p_value)}` },
+  return h("div", { class: "before-after", title: `relative error on stretches left out of the fit; p ${pValue(one.p_value)}` },
     bar("without it", one.error_before, ""),
     bar("with it", one.error_after, "good"),
   );

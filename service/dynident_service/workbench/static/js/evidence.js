@@ -1,53 +1,54 @@
 // The figure behind a ranked effect: the residual over what the effect depends on, and the fitted effect over it.
 
 import { get, lastAsked } from "./api.js";
+import { aboutEffect, titleOf } from "./catalogue.js";
 import { h, put } from "./dom.js";
 import { number, percent } from "./format.js";
-import { axis, colour, onColours, plot } from "./plots.js";
+import { formula } from "./formula.js";
+import { colour, drawn, figure } from "./plots.js";
 
-/** Draw the figure of a candidate; with several joints, that of the joint which it explains most of, and a choice. */
-export async function drawEvidence(target, diagnosis, rank, until) {
+/** What the data say of a candidate, what they cannot tell it from, the figure that shows it, and what it is. */
+export function evidenceOf(model, one, signal) {
   const figure = h("div", { class: "chart" });
-  const choices = h("div", { class: "choices", role: "group", "aria-label": "Joint of the figure" });
-  const drawing = lastAsked(until);
-
-  const show = async (joint) => {
-    const mine = drawing();
-    const found = await get(`/diagnoses/${diagnosis.id}/evidence`, joint ? { rank, joint } : { rank }, mine);
-    if (mine.aborted) return;
-    put(choices, found.joints.length > 1 ? found.joints.map((one) => h("button", { type: "button", class: "small", "aria-pressed": String(one === found.joint), onclick: () => show(one) }, one)) : null);
-    const draw = () => paint(figure, found, mine);
-    onColours(draw, mine);
-    draw();
-  };
-  put(target, choices, figure);
-  await show(null);
+  const rivals = one.equivalent.map((id) => titleOf(model.effects, id)).join(", ");
+  drawEvidence(figure, model.diagnosis, one.rank, signal);
+  const words = [h("p", {}, one.evidence), rivals ? h("p", { class: "box warning" }, `This data cannot tell it apart from: ${rivals}.`) : null];
+  return { words, figure, about: aboutEffect(model.effects, one.effect, formula) };
 }
 
-function paint(target, found, until) {
-  const { effort_unit: unit, variable, variable_unit: xUnit, residual, spread, fitted } = found;
-  const value = (_, raw) => (raw === null || raw === undefined ? "–" : `${number(raw)} ${unit}`);
-  const hidden = { class: "edge", stroke: "transparent", width: 0, points: { show: false }, value };
-  const around = (sign) => residual.map((one, index) => one + sign * spread[index]);
-  const label = `${variable} (${xUnit})`;
-  const series = [
-    { label: variable, value: (_, raw) => (raw === null || raw === undefined ? "–" : `${number(raw)} ${xUnit}`) },
-    { ...hidden, label: "mean + spread" },
-    { ...hidden, label: "mean − spread" },
-    { label: "mean residual", stroke: colour("residual"), width: 0, paths: () => null, points: { show: true, size: 6, fill: colour("residual") }, value },
-    { label: "fitted effect", stroke: colour("predicted"), width: 2, points: { show: false }, value },
-  ];
-  const options = {
-    height: 230,
-    series,
-    scales: { x: { time: false } },
-    axes: [axis(label, 2), axis(`residual (${unit})`, 3)],
-    bands: [{ series: [1, 2], fill: colour("band-wash") }],
-    cursor: { drag: { x: false, y: false } },
-    legend: { live: true },
+/** Draw the figure of a candidate; with several joints, that of the joint which it explains most of, and a choice. */
+function drawEvidence(target, diagnosis, rank, until) {
+  const place = h("div", { class: "chart" });
+  const choices = h("div", { class: "choices", role: "group", "aria-label": "Joint of the figure" });
+  const drawing = lastAsked(until);
+  const show = (joint) => {
+    const mine = drawing();
+    const answer = get(`/diagnoses/${diagnosis.id}/evidence`, joint ? { rank, joint } : { rank }, mine);
+    const paint = (found) => {
+      put(choices, found.joints.length > 1 ? found.joints.map((one) => h("button", { type: "button", class: "small", "aria-pressed": String(one === found.joint), onclick: () => show(one) }, one)) : null);
+      draw(place, found, mine);
+    };
+    // Effects far down the list have no figure.
+    return drawn(answer, paint, mine, (error) => put(place, h("p", { class: "note" }, error.message)));
   };
-  put(target, h("p", { class: "chart-title" }, `Residual of ${found.joint} over ${variable}, and the fitted effect`));
-  plot(target, options, [found.x, around(1), around(-1), residual, fitted], until);
+  put(target, choices, place);
+  show(null);
+}
+
+function draw(target, found, until) {
+  const { effort_unit: unit, variable, variable_unit: xUnit, residual, spread, fitted } = found;
+  const around = (sign) => residual.map((one, index) => one + sign * spread[index]);
+  figure(target, {
+    title: `Residual of ${found.joint} over ${variable}, and the fitted effect`,
+    height: 230,
+    x: { name: variable, label: `${variable} (${xUnit})`, words: (raw) => `${number(raw)} ${xUnit}`, values: found.x },
+    y: { label: `residual (${unit})`, words: (raw) => `${number(raw)} ${unit}` },
+    band: { names: ["mean + spread", "mean − spread"], ends: [around(1), around(-1)] },
+    lines: [
+      { label: "mean residual", values: residual, stroke: colour("residual"), width: 0, paths: () => null, points: { show: true, size: 6, fill: colour("residual") } },
+      { label: "fitted effect", values: fitted, stroke: colour("predicted"), width: 2 },
+    ],
+  }, until);
   const words = found.explained === null ? "" : `It takes ${percent(Math.max(0, found.explained), 2)} of the residual's squares on ${found.joint}, on the data that it is fitted to. `;
   target.append(h("p", { class: "note" }, `${words}The residual is that of the model without it; the wash is its spread.`));
 }

@@ -1,11 +1,11 @@
 // Where a model fails: its residual over velocity, position and load; over any two signals; the diagnosis's map.
 
 import { get, lastAsked } from "./api.js";
-import { field, h, numeric, put, right, row, section, select, table } from "./dom.js";
+import { field, figures, h, listed, numeric, put, right, section, select } from "./dom.js";
 import { number, span } from "./format.js";
 import { heatMap } from "./heat_map.js";
 import { existingComparison } from "./model.js";
-import { problemBox } from "./problem.js";
+import { orSay } from "./problem.js";
 import { drawProfile, signalInWords, signalsOf } from "./profile.js";
 
 const OVER = ["dq", "q", "load"];
@@ -55,14 +55,9 @@ function mapOfTwo(model, signal) {
   const chosen = { x: `q_${joint}`, y: `dq_${joint}` };
   const figure = h("div");
   const drawing = lastAsked(signal);
-  const draw = async () => {
+  const draw = () => {
     const mine = drawing();
-    try {
-      const found = await get(`/comparisons/${comparison.id}/residual_map`, { joint, ...chosen, bins: 28 }, mine);
-      if (!mine.aborted) put(figure, heatMap(found, model));
-    } catch (error) {
-      if (!mine.aborted) put(figure, problemBox(error));
-    }
+    return orSay(figure, async () => put(figure, heatMap(await get(`/comparisons/${comparison.id}/residual_map`, { joint, ...chosen, bins: 28 }, mine), model)), mine);
   };
   const pick = (name) =>
     select(signalsOf(model).map((one) => [one, signalInWords(one, model)]), chosen[name], (value) => {
@@ -76,20 +71,17 @@ function mapOfTwo(model, signal) {
 function failureMap(model) {
   const spots = model.diagnosis?.result?.failure_map ?? [];
   if (!spots.length) return null;
-  const head = ["joint", "over", "where", right("rms there"), right("times the joint's own rms")];
-  const rows = spots.map((one) =>
-    row([
-      h("button", { type: "button", class: "plain", onclick: () => model.chooseJoint(one.joint) }, one.joint),
-      one.variable,
-      span(one.low, one.high, one.unit),
-      numeric(`${number(one.rms)} ${model.unitOf(one.joint)}`, one.rms),
-      numeric(one.ratio === null ? "–" : `${number(one.ratio)} ×`),
-    ]),
-  );
+  const columns = [
+    ["joint", (one) => h("button", { type: "button", class: "plain", onclick: () => model.chooseJoint(one.joint) }, one.joint)],
+    ["over", (one) => one.variable],
+    ["where", (one) => span(one.low, one.high, one.unit)],
+    figures("rms there", (one) => one.rms, (value, one) => `${number(value)} ${model.unitOf(one.joint)}`),
+    [right("times the joint's own rms"), (one) => numeric(one.ratio === null ? "–" : `${number(one.ratio)} ×`)],
+  ];
   const whose = model.diagnosis.request.identification_id === model.id ? "" : " of the model that was diagnosed, before what has been added";
-  const more = rows.splice(SPOTS);
+  const more = spots.slice(SPOTS);
   return [
-    table(`Where the residual${whose} is largest`, head, rows, { id: "failure-map" }),
-    more.length ? h("details", {}, h("summary", {}, `${more.length} more`), table("More places", head, more)) : null,
+    listed(`Where the residual${whose} is largest`, columns, spots.slice(0, SPOTS), { id: "failure-map" }),
+    more.length ? h("details", {}, h("summary", {}, `${more.length} more`), listed("More places", columns, more)) : null,
   ];
 }

@@ -2,6 +2,7 @@
 
 import { h, svg } from "./dom.js";
 import { number } from "./format.js";
+import { roundValues } from "./ladder_figures.js";
 import { colour } from "./plots.js";
 import { signalInWords } from "./profile.js";
 
@@ -26,9 +27,7 @@ export function heatMap(map, model) {
   const words = largest
     ? `Largest mean: ${number(largest[2])} ${map.effort_unit} at ${signalInWords(map.x, model)} ${number(xs[largest[0]])} to ${number(xs[largest[0] + 1])}, ${signalInWords(map.y, model)} ${number(ys[largest[1]])} to ${number(ys[largest[1] + 1])}.`
     : "No cell of the map has enough samples.";
-  return h(
-    "figure",
-    {},
+  return h("figure", {},
     svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": words, class: "heat" },
       svg("rect", { x: ROOM.left, y: ROOM.top, width: inner.width, height: inner.height, class: "ground" }),
       cells,
@@ -59,12 +58,7 @@ function shade(share) {
 
 function ticks(edges, wanted = 5) {
   const [low, high] = [edges[0], edges.at(-1)];
-  const raw = (high - low) / wanted;
-  const size = 10 ** Math.floor(Math.log10(raw));
-  const step = size * [1, 2, 5, 10].find((one) => one * size >= raw);
-  const found = [];
-  for (let k = Math.ceil(low / step); k * step <= high; k += 1) found.push(k * step);
-  return found;
+  return roundValues(low, high, (high - low) / wanted);
 }
 
 function quantile(values, share) {

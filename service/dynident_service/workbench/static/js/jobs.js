@@ -52,13 +52,30 @@ export async function computed(path, resource, onChange = () => {}, signal = und
   throw new ProblemError({ title: "Cancelled", detail: "The job was cancelled before it ended." });
 }
 
+/** The same, while `place` shows how far it is; it is empty afterwards. `onChange` is told, too. */
+export async function awaited(path, resource, label, place, signal = undefined, onChange = () => {}) {
+  const bar = progressBar(resource.job_id, label);
+  if (!ENDED.has(resource.status)) put(place, bar.element);
+  const seen = (state) => {
+    bar.update(state);
+    onChange(state);
+  };
+  return computed(path, resource, seen, signal).finally(() => put(place));
+}
+
+/** The newest of a list that is done or on its way, of those that fit; undefined where there is none. */
+export async function newestOf(path, query, signal = undefined, fits = () => true) {
+  const { items } = await get(path, { limit: 20, ...query }, signal);
+  return items.find((one) => !["failed", "cancelled"].includes(one.status) && fits(one));
+}
+
 /** Stop a job. */
 export function cancel(jobId) {
   return post(`/jobs/${jobId}/cancel`, {});
 }
 
 /** A bar that shows how far a job is, with a button that stops it. */
-export function progressBar(jobId, label) {
+function progressBar(jobId, label) {
   const bar = h("progress", { max: 1, value: 0, "aria-label": label });
   const words = h("span", { class: "note" }, "waiting");
   const stop = h("button", { type: "button", class: "small", onclick: () => halt() }, "Cancel");
@@ -76,6 +93,16 @@ export function progressBar(jobId, label) {
     words.textContent = state === "queued" ? "queued" : `${percent(fraction, 2)} ${message}`;
   };
   return { element, update };
+}
+
+/** What is sent and answered at once, with a button that gives it up, shown in `place`: { signal, stop, bar, how }. */
+export function givenUp(words, place) {
+  const given = new AbortController();
+  const bar = h("progress", { max: 1, "aria-label": words });
+  const how = h("span", { class: "note" });
+  const stop = () => given.abort();
+  put(place, h("div", { class: "progress" }, h("span", {}, words), bar, how, h("button", { type: "button", class: "small", onclick: stop }, "Cancel")));
+  return { signal: given.signal, stop, bar, how };
 }
 
 /** Tell a listener whenever a job began, moved or ended, whoever asked for it; until `signal` aborts. */

@@ -1,12 +1,12 @@
 // The ladder of models: what was added at each rung, and the error falling, in total and on every joint.
 
 import { choiceInWords } from "./catalogue.js";
-import { h, numeric, put, right, row, table, unseen } from "./dom.js";
-import { number, percent } from "./format.js";
+import { figures, h, listed, numeric, put, right, unseen } from "./dom.js";
+import { percent } from "./format.js";
 import { totalsFigure } from "./ladder_figures.js";
 import { address } from "./location.js";
 import { nextRung } from "./next_rung.js";
-import { problemBox } from "./problem.js";
+import { pressed, problemBox } from "./problem.js";
 import { worsened } from "./step.js";
 import { changeOf, twoLadders } from "./two_ladders.js";
 import { waterfallFigure } from "./waterfall.js";
@@ -18,9 +18,7 @@ export function ladderSection(model, signal) {
   const heldOut = rungs.every((one) => one.validation);
   const errors = rungs.map((one) => (heldOut ? one.validation : one.residual));
   const kind = heldOut ? "held out" : "fit";
-  return h(
-    "section",
-    { "aria-labelledby": "ladder-title" },
+  return h("section", { "aria-labelledby": "ladder-title" },
     h("h2", { id: "ladder-title", tabindex: "-1" }, "Ladder"),
     h("p", { class: isBetter(worseIn(model)) ? "box good" : "box warning", id: "step" }, stepInWords(model)),
     h("div", { class: "two wide-right" }, totalsFigure(rungs, heldOut), waterfall(model, errors, kind)),
@@ -65,18 +63,22 @@ function isBetter(worse) {
 }
 
 function rungTable(model, rungs, heldOut, signal) {
-  const head = ["model", "change", right("base parameters"), right("fit (%)")];
-  if (heldOut) head.push(right("held out (%)"), right("held out, moving (%)"), unseen("the best"));
-  head.push("");
-  const rows = rungs.map((one, index) => {
-    const here = one.id === model.id;
-    const link = here ? h("strong", {}, `${index + 1}`) : one.part_of ? `${index + 1}` : h("a", { href: address({ identification: one.id, tab: "missing" }) }, `${index + 1}`);
-    const cells = [link, changeOf(model, one), numeric(String(one.n_parameters)), error(one.residual.relative_total)];
-    if (heldOut) cells.push(error(one.validation.relative_total), error(one.validation.moving?.relative_total ?? null), markOf(one));
-    cells.push(removeButton(model, one, signal));
-    return row(cells, { class: here ? "chosen" : null });
-  });
-  return [table("Models, first to last, all joints", head, rows, { id: "ladder-table" }), h("p", { id: "best-rung" }, bestInWords(rungs), keepBest(model, rungs))];
+  const linkOf = (one, k) => {
+    if (one.id === model.id) return h("strong", {}, `${k + 1}`);
+    return one.part_of ? `${k + 1}` : h("a", { href: address({ identification: one.id, tab: "missing" }) }, `${k + 1}`);
+  };
+  const columns = [
+    ["model", linkOf],
+    ["change", (one) => changeOf(model, one)],
+    [right("base parameters"), (one) => numeric(String(one.n_parameters))],
+    figures("fit (%)", (one) => one.residual.relative_total, (value) => percent(value)),
+    heldOut && figures("held out (%)", (one) => one.validation.relative_total, (value) => percent(value)),
+    heldOut && figures("held out, moving (%)", (one) => one.validation.moving?.relative_total ?? null, (value) => percent(value)),
+    heldOut && [unseen("the best"), markOf],
+    ["", (one) => removeButton(model, one, signal)],
+  ];
+  const rowProps = (one) => ({ class: one.id === model.id ? "chosen" : null });
+  return [listed("Models, first to last, all joints", columns, rungs, { id: "ladder-table" }, rowProps), h("p", { id: "best-rung" }, bestInWords(rungs), keepBest(model, rungs))];
 }
 
 /** Drawn anew when a diagnosis tells what the noise is. */
@@ -114,29 +116,17 @@ function removeButton(model, rung, signal) {
   if (!there.length) return "";
   const said = h("div");
   const button = h("button", { type: "button", class: "small", "aria-label": `Remove ${changeOf(model, { added: there, removed: [] })}`, onclick: () => remove() }, "Remove");
-  const remove = async () => {
-    button.disabled = true;
-    try {
-      const effects = there.map(({ effect, joints }) => ({ effect, joints }));
-      await nextRung(model, "remove", effects, said, signal);
-    } catch (error) {
-      if (!signal.aborted) put(said, problemBox(error));
-      button.disabled = false;
-    }
-  };
+  const effects = there.map(({ effect, joints }) => ({ effect, joints }));
+  const remove = () => pressed(button, () => nextRung(model, "remove", effects, said, signal), (error) => put(said, problemBox(error)), signal);
   return [button, said];
 }
 
 function jointTable(model, errors, kind) {
-  const head = ["joint", ...errors.map((_, index) => right(`model ${index + 1} (%)`)), right("last over first")];
-  const rows = model.joints.map((joint, index) => {
-    const values = errors.map((one) => one.relative[index]);
-    const ratio = values[0] && values.at(-1) !== null ? `${(values.at(-1) / values[0]).toFixed(2)} ×` : "–";
-    return row([joint, ...values.map(error), numeric(ratio)]);
-  });
-  return table(`Relative error per joint, ${kind}`, head, rows, { id: "ladder-joints" });
-}
-
-function error(value) {
-  return numeric(percent(value), value);
+  const ratio = (first, last) => (first && last !== null ? `${(last / first).toFixed(2)} ×` : "–");
+  const columns = [
+    ["joint", (joint) => joint],
+    ...errors.map((one, index) => figures(`model ${index + 1} (%)`, (_, k) => one.relative[k], (value) => percent(value))),
+    [right("last over first"), (_, k) => numeric(ratio(errors[0].relative[k], errors.at(-1).relative[k]))],
+  ];
+  return listed(`Relative error per joint, ${kind}`, columns, model.joints, { id: "ladder-joints" });
 }

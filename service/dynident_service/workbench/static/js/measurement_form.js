@@ -44,9 +44,7 @@ export function measurementForm(robot, { forms, metadata, chosen, onStored, onRo
   for (const card of forms.querySelectorAll(":scope > form")) card.dispatchEvent(new Event("robot"));
   const earlier = h("div");
   lookedAtBefore(earlier, robot, stored, (found) => forms.append(fileCard({ found, role: role() }, hands)));
-  return h(
-    "div",
-    {},
+  return h("div", {},
     dropZone("Drop recordings here, or choose them:", { accept: FORMATS, multiple: true, id: "recordings" }, add),
     h("p", { class: "note" }, `CSV, Parquet, NumPy, MATLAB, HDF5, ROS bags, MCAP: what the columns are, and in which units, is guessed and shown before anything is stored. Joints: ${robot.joints.map((one) => one.name).join(", ")}.`),
     forms,

@@ -1,17 +1,16 @@
 // The ways to identify: what each choice is called, and what it is for, in a line; as the contract has them.
 
-import { choicesOfQuery, fieldsOf } from "./schema.js";
+import { choicesOf, choicesOfQuery, fieldsOf } from "./schema.js";
 
-const NO_PRIOR = ["", "none", "The data alone count."];
+/** What no prior is called, and what it is for. */
+export const NO_PRIOR = ["", "none", "The data alone count."];
 
-/** Of each choice of an identification its [value, name, what it is for]; and the validations and the formats of exports that there are. */
+/** Of each choice of an identification its [value, name]; and the validations and the formats of exports that there are. */
 export async function methods() {
   const exports = choicesOfQuery("/v1/identifications/{identification_id}/export", "format");
   const [fields, { kind }] = await Promise.all([fieldsOf("IdentificationRequest"), fieldsOf("ValidationRequest")]);
-  const of = (name) => fields[name]["x-choices"].map((one) => [one.name, one.label, one.words]);
-  const defaultOf = (name) => fields[name].default ?? "";
-  const lists = { model: of("model"), strategy: of("strategy"), steps: of("steps"), estimator: of("estimator"), prior: [NO_PRIOR, ...of("prior")] };
-  return { lists, chosen: Object.fromEntries(Object.keys(lists).map((name) => [name, defaultOf(name)])), validations: kind["x-choices"], exports: await exports };
+  const lists = Object.fromEntries(["model", "strategy", "steps", "estimator", "prior"].map((name) => [name, [...(name === "prior" ? [NO_PRIOR] : []), ...choicesOf(fields[name])]]));
+  return { lists, validations: kind["x-choices"], exports: await exports };
 }
 
 /** A request's method in words. */

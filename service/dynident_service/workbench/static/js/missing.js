@@ -5,10 +5,11 @@ import { addByHand } from "./add_effect.js";
 import { candidatesTable } from "./candidates.js";
 import { changesForm, changesTable } from "./changes.js";
 import { choiceInWords, placeOf, shapeInWords, titleOf } from "./catalogue.js";
-import { announce, h, put, row, section, table } from "./dom.js";
+import { nextBox } from "./design/proposals.js";
+import { announce, figures, h, listed, put, section } from "./dom.js";
 import { percent } from "./format.js";
 import { effectCards } from "./effect_cards.js";
-import { computed, progressBar } from "./jobs.js";
+import { awaited } from "./jobs.js";
 import { nextRung } from "./next_rung.js";
 import { pressed, problemBox, showInForm } from "./problem.js";
 
@@ -20,37 +21,23 @@ const HEADLINES = {
 
 /** Follows the diagnosis; Diagnose asks for a new one. */
 export function missingSection(model, signal) {
-  const button = h("button", { type: "button", class: "main", id: "diagnose", onclick: () => diagnose() }, "Diagnose");
+  const button = h("button", { type: "button", class: "main", id: "diagnose", onclick: () => runPressed(post("/diagnoses", { identification_id: model.id })) }, "Diagnose");
   const said = h("div");
   const body = h("div", { id: "diagnosis" });
   const add = (effects, from) => extend(model, effects, from ?? said, signal);
 
-  async function run(diagnosis) {
-    await pressed(button, async () => {
-      const bar = progressBar(diagnosis.job_id, "Diagnosing");
-      put(said, bar.element);
-      const found = await computed("/diagnoses", diagnosis, bar.update, signal);
-      put(said);
-      model.setDiagnosis(found);
-      announce(`${HEADLINES[found.result.verdict]}. ${found.result.summary}`);
-    }, (error) => put(said, problemBox(error)), signal);
-  }
-
-  async function diagnose() {
-    button.disabled = true;
-    try {
-      await run(await post("/diagnoses", { identification_id: model.id }));
-    } catch (error) {
-      put(said, problemBox(error));
-      button.disabled = false;
-    }
-  }
+  const run = async (diagnosis) => {
+    const found = await awaited("/diagnoses", await diagnosis, "Diagnosing", said, signal);
+    model.setDiagnosis(found);
+    announce(`${HEADLINES[found.result.verdict]}. ${found.result.summary}`);
+  };
+  const runPressed = (diagnosis) => pressed(button, () => run(diagnosis), (error) => put(said, problemBox(error)), signal);
 
   const follow = () => {
     const { diagnosis } = model;
     if (!diagnosis) return;
     if (diagnosis.status === "succeeded") put(body, whole(model, add, signal));
-    else run(diagnosis);
+    else runPressed(diagnosis);
   };
   model.addEventListener("diagnosis", follow);
   follow();
@@ -58,7 +45,7 @@ export function missingSection(model, signal) {
     h("p", { class: "actions" }, button, h("span", { class: "note" }, "holds every effect of the catalogue against what the model leaves unexplained")),
     said,
     body,
-    changesForm(model, async (asked) => run(await post("/diagnoses", asked)), signal),
+    changesForm(model, async (asked) => runPressed(await post("/diagnoses", asked)), signal),
     addByHand(model, add),
   );
 }
@@ -108,9 +95,7 @@ function verdict(model, result, add) {
       : h("button", { type: "button", class: "small", onclick: () => add([one], said), "aria-label": `Add ${words}` }, "Add");
     return h("li", {}, h("strong", {}, titleOf(model.effects, one.effect)), ` on ${placeOf(model.effects, one, model.joints)}${shape ? `, ${shape}` : ""} `, button);
   });
-  return h(
-    "div",
-    { class: result.verdict === "adequate" ? "box good" : "box warning", id: "verdict", "data-verdict": result.verdict },
+  return h("div", { class: result.verdict === "adequate" ? "box good" : "box warning", id: "verdict", "data-verdict": result.verdict },
     h("p", {}, h("strong", {}, `${HEADLINES[result.verdict]}. `), result.summary),
     items.length ? [h("p", {}, "Recommended, in this order:"), h("ol", {}, items)] : null,
     left.length ? h("p", {}, h("button", { type: "button", class: "main", id: "add-recommended", onclick: () => add(left, said) }, left.length > 1 ? `Add all ${left.length} that are recommended` : "Add what is recommended")) : null,
@@ -120,8 +105,8 @@ function verdict(model, result, add) {
 
 function unknown(result) {
   if (!result.unknown.length) return null;
-  const rows = result.unknown.map((one) => row([one.joint, one.variable.replaceAll("_", " "), { class: "n", text: percent(one.share) }]));
-  return table("Left after everything recommended: the residual still depends on", ["joint", "over", { class: "n", text: "share of its variance" }], rows);
+  const columns = [["joint", (one) => one.joint], ["over", (one) => one.variable.replaceAll("_", " ")], figures("share of its variance", (one) => one.share, (value) => percent(value))];
+  return listed("Left after everything recommended: the residual still depends on", columns, result.unknown);
 }
 
 function nextExperiment(model, result) {
@@ -130,23 +115,15 @@ function nextExperiment(model, result) {
   const said = h("span", { class: "note" });
   const body = JSON.stringify(next.design, null, 1);
   const copy = () => navigator.clipboard.writeText(body).then(() => { said.textContent = " copied"; }, () => { said.textContent = " select the text below and copy it"; });
-  return h(
-    "div",
-    { class: "box" },
-    h("p", {}, h("strong", {}, "Next experiment. "), next.reason),
-    next.instructions?.length ? h("ol", {}, next.instructions.map((step) => h("li", {}, step))) : null,
-    h("details", {}, h("summary", {}, "Body for POST /v1/designs"), h("pre", {}, body), h("button", { type: "button", class: "small", onclick: copy }, "Copy"), said),
-  );
+  return nextBox("Next experiment", next, h("details", {}, h("summary", {}, "Body for POST /v1/designs"), h("pre", {}, body), h("button", { type: "button", class: "small", onclick: copy }, "Copy"), said));
 }
 
 function invisible(model, result) {
   if (!result.not_visible.length) return null;
-  const rows = result.not_visible.map((one) => row([titleOf(model.effects, one.effect), placeOf(model.effects, one, model.joints), one.reason]));
-  return h(
-    "details",
-    {},
+  const columns = [["effect", (one) => titleOf(model.effects, one.effect)], ["where", (one) => placeOf(model.effects, one, model.joints)], ["why", (one) => one.reason]];
+  return h("details", {},
     h("summary", {}, `Not visible in this data (${result.not_visible.length})`),
     h("p", { class: "note" }, "“The data could not have shown it” is not “it is not there”."),
-    table("Effects that this data could not have shown", ["effect", "where", "why"], rows),
+    listed("Effects that this data could not have shown", columns, result.not_visible),
   );
 }

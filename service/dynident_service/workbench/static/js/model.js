@@ -2,7 +2,7 @@
 
 import { get, post } from "./api.js";
 import { catalogue } from "./catalogue.js";
-import { computed } from "./jobs.js";
+import { computed, newestOf } from "./jobs.js";
 import { remember } from "./location.js";
 
 const MOST_AHEAD = 1e6; // samples of all joints, which a service compares in about half a second
@@ -127,18 +127,15 @@ export class Model extends EventTarget {
 export async function newestDiagnosis(model, signal) {
   // What an extension made on its way is no model of its own: nobody could ask about it.
   for (const rung of model.rungs.filter((one) => !one.part_of).reverse()) {
-    const { items } = await get("/diagnoses", { identification_id: rung.id, limit: 10 }, signal);
-    const usable = items.find((one) => ["succeeded", "running", "queued"].includes(one.status));
+    const usable = await newestOf("/diagnoses", { identification_id: rung.id }, signal);
     if (usable) return usable;
   }
   return null;
 }
 
 /** The newest comparison of a model with a measurement that is done or on its way; undefined if there is none. */
-export async function existingComparison(modelId, measurementId, signal) {
-  const { items } = await get("/comparisons", { identification_id: modelId, limit: 100 }, signal);
-  const mine = items.filter((one) => one.request.measurement_id === measurementId);
-  return mine.find((one) => ["succeeded", "running", "queued"].includes(one.status));
+export function existingComparison(modelId, measurementId, signal) {
+  return newestOf("/comparisons", { identification_id: modelId, limit: 100 }, signal, (one) => one.request.measurement_id === measurementId);
 }
 
 async function requested(modelId, measurementId, signal) {

@@ -56,9 +56,7 @@ export class ModelList {
     const result = model.result;
     const robot = this.robots.get(model.robot_id);
     const added = [...new Set(model.added.map((one) => titleOf(effects, one.effect)))].join(", ");
-    const link = h(
-      "a",
-      { href: address({ identification: model.id }), "data-id": model.id },
+    const link = h("a", { href: address({ identification: model.id }), "data-id": model.id },
       h("strong", {}, model.name || robot),
       added ? h("span", {}, `+ ${added}`) : null,
       h("span", { class: "note" }, [model.name ? `${robot}, ` : "", moment(model.created_at)]),

@@ -2,14 +2,14 @@
 
 import { content, get, post, apiKey } from "./api.js";
 import { choiceInWords, placeOf, titleOf } from "./catalogue.js";
-import { announce, h, put } from "./dom.js";
+import { announce, h, put, tiles } from "./dom.js";
 import { dataSection } from "./data.js";
 import { daysSection } from "./days.js";
 import { errorsSection } from "./errors.js";
 import { exportLinks } from "./exports.js";
 import { failureSection } from "./failure.js";
 import { counted, moment, number, percent, quantity } from "./format.js";
-import { computed, ENDED, progressBar } from "./jobs.js";
+import { awaited, ENDED } from "./jobs.js";
 import { ladderSection, stepInWords } from "./ladder.js";
 import { takeNote } from "./location.js";
 import { methodInWords, methods } from "./methods.js";
@@ -68,9 +68,9 @@ function tabOf(wanted) {
 }
 
 async function wait(target, identification, signal) {
-  const bar = progressBar(identification.job_id, "Identifying");
-  put(target, h("h1", {}, identification.name || "A new model"), bar.element);
-  const found = await computed("/identifications", identification, bar.update, signal).catch((error) => {
+  const place = h("div");
+  put(target, h("h1", {}, identification.name || "A new model"), place);
+  const found = await awaited("/identifications", identification, "Identifying", place, signal).catch((error) => {
     if (error.status === undefined) throw error;
     return get(`/identifications/${identification.id}`, {}, signal);
   });
@@ -92,9 +92,7 @@ function nameOf(model) {
 
 function header(model, ways) {
   const { identification: found, result } = model;
-  return h(
-    "section",
-    { "aria-label": "Model" },
+  return h("section", { "aria-label": "Model" },
     h("h1", {}, nameOf(model)),
     h("p", { class: "note" }, `${model.robot.name}, ${counted(model.joints.length, "joint")}; ${moment(found.created_at)}; `,
       `${methodInWords(ways, found.request)}; ${filters(result.preprocessing)}`),
@@ -106,14 +104,12 @@ function header(model, ways) {
 
 function figures({ result }) {
   const { residual, validation } = result;
-  const tiles = [
-    ["held-out error", percent(validation?.relative_total), validation ? "all joints" : "no validation data", "held_out"],
-    ["error of the fit", percent(residual.relative_total), "all joints", "fit"],
+  return tiles([
+    ["held-out error", percent(validation?.relative_total), validation ? "all joints" : "no validation data", "tile-held_out"],
+    ["error of the fit", percent(residual.relative_total), "all joints", "tile-fit"],
     ["base parameters", String(result.parameters.length), `${result.parameters.filter((one) => one.well_identified).length} determined by the data`],
     ["condition number of W", number(result.condition_number), counted(result.n_equations, "equation")],
-  ];
-  return h("dl", { class: "tiles" }, tiles.map(([name, value, more, id]) =>
-      h("div", {}, h("dt", {}, name), h("dd", { class: "value", id: id ? `tile-${id}` : null }, value), h("dd", { class: "note" }, more))));
+  ]);
 }
 
 function filters(used) {
@@ -139,9 +135,7 @@ async function makeReport(model, format, ways, button, said) {
     const diagnosis = model.diagnosis?.status === "succeeded" ? model.diagnosis.id : null;
     const validations = await newestValidations(model, ways.validations);
     const made = await post("/reports", { identification_id: model.id, diagnosis_id: diagnosis, validation_ids: validations, format, name: nameOf(model) });
-    const bar = progressBar(made.job_id, "Writing the report");
-    put(said, bar.element);
-    const { result } = await computed("/reports", made, bar.update);
+    const { result } = await awaited("/reports", made, "Writing the report", said);
     const open = apiKey.get()
       ? h("button", { type: "button", onclick: async () => save(await content(result.href), `${model.id}.${format}`) }, "Save the report")
       : h("a", { href: result.href, target: "_blank", rel: "noopener" }, "Open the report");

@@ -6,9 +6,7 @@ import { checksTable } from "./checks.js";
 /** A box that says what is wrong; with `again`, a button that tries once more. */
 export function problemBox(error, again = null) {
   const details = (error.fields ?? []).filter((field) => field.detail !== error.message);
-  return h(
-    "div",
-    { class: "box error", role: "alert" },
+  return h("div", { class: "box error", role: "alert" },
     h("p", {}, h("strong", {}, `${error.title ?? "The page failed"}. `), error.message),
     details.length ? h("ul", {}, details.map((one) => h("li", {}, place(one), one.detail))) : null,
     error.dependents?.length ? h("p", {}, `Rests on it: ${error.dependents.map((one) => one.id).join(", ")}`) : null,
@@ -46,6 +44,21 @@ export function clearForm(form, target) {
   put(target);
 }
 
+/** What a form does when it is sent, while its button cannot be pressed: what is wrong is said beside its fields, the rest in `said`. */
+export function sending(button, said, work, signal = null) {
+  return async (event) => {
+    event.preventDefault();
+    const form = event.currentTarget;
+    clearForm(form, said);
+    await pressed(button, () => work(form), (error) => showInForm(form, said, error), signal);
+  };
+}
+
+/** What is to be done before something can be asked. */
+export function complaint(text) {
+  return h("p", { class: "complaint", role: "alert" }, text);
+}
+
 /** Do what a button is for, which cannot be pressed meanwhile; `fail` is told what went wrong, unless nobody waits any more. */
 export async function pressed(button, work, fail, signal = null) {
   button.disabled = true;
@@ -55,6 +68,16 @@ export async function pressed(button, work, fail, signal = null) {
     if (!signal?.aborted) fail(error);
   }
   button.disabled = false;
+}
+
+/** Do something; what goes wrong is said in `place`, unless nobody waits any more. Gives what was done. */
+export async function orSay(place, work, signal = null, again = null) {
+  try {
+    return await work();
+  } catch (error) {
+    if (!signal?.aborted) put(place, problemBox(error, again));
+    return undefined;
+  }
 }
 
 function summary(error) {

@@ -1,9 +1,9 @@
 // The mean residual of a joint over one signal, with its spread: the shape of what is missing.
 
 import { get } from "./api.js";
-import { h, put } from "./dom.js";
+import { put } from "./dom.js";
 import { number, positionUnit } from "./format.js";
-import { axis, colour, onColours, plot } from "./plots.js";
+import { colour, drawn, figure } from "./plots.js";
 import { problemBox } from "./problem.js";
 
 const BINS = 40;
@@ -28,54 +28,26 @@ export function signalsOf(model) {
 }
 
 /** Draw the residual of `joint` over `signal`; with `before`, that of the model it came from in grey. */
-export async function drawProfile(target, model, { comparison, before, joint, signal }, until) {
-  const query = { joint, x: signal, bins: BINS };
-  const read = (one) => get(`/comparisons/${one.id}/residual_map`, query, until);
-  try {
-    const [now, then] = await Promise.all([read(comparison), before ? read(before) : null]);
-    if (until.aborted) return;
-    const draw = () => paint(target, model, { now, then, signal }, until);
-    onColours(draw, until);
-    draw();
-  } catch (error) {
-    if (!until.aborted) put(target, problemBox(error));
-  }
+export function drawProfile(target, model, { comparison, before, joint, signal }, until) {
+  const read = (one) => get(`/comparisons/${one.id}/residual_map`, { joint, x: signal, bins: BINS }, until);
+  const both = Promise.all([read(comparison), before ? read(before) : null]);
+  return drawn(both, ([now, then]) => paint(target, model, { now, then, signal }, until), until, (error) => put(target, problemBox(error)));
 }
 
 function paint(target, model, { now, then, signal }, until) {
-  put(target);
   const unit = now.effort_unit;
   const x = centres(now.x_edges);
   const mean = means(now);
-  const spread = now.spread.map(([one]) => one);
-  const around = (sign) => mean.map((one, index) => (one === null ? null : one + sign * (spread[index] ?? 0)));
-  const value = (_, raw) => (raw === null || raw === undefined ? "–" : `${number(raw)} ${unit}`);
-  const line = (label, stroke, width) => ({ label, stroke, width, points: { show: false }, value });
-  const hidden = { class: "edge", stroke: "transparent", width: 0, points: { show: false }, value };
-  const series = [
-    { label: signalInWords(signal, model, false), value: (_, raw) => number(raw) },
-    { ...hidden, label: "mean + spread" },
-    { ...hidden, label: "mean − spread" },
-    line("mean residual", colour("residual"), 2),
-  ];
-  const data = [x, around(1), around(-1), mean];
-  if (then) {
-    series.push({ ...line("before the last addition", colour("soft"), 1.5), dash: [5, 4] });
-    data.push(resampled(then, x));
-  }
-  const [kind] = apart(signal);
-  const options = {
-    height: 190,
-    series,
-    scales: { x: { time: false } },
-    axes: [axis(signalInWords(signal, model, false), 2), axis(`residual (${unit})`, 3)],
-    bands: [{ series: [1, 2], fill: colour("band-wash") }],
-    cursor: { drag: { x: false, y: false } },
-    legend: { live: true },
-  };
-  const title = `Residual of ${now.joint} over ${KINDS[kind]?.[0] ?? "time"}`;
-  target.append(h("p", { class: "chart-title" }, title));
-  plot(target, options, data, until);
+  const around = (sign) => mean.map((one, index) => (one === null ? null : one + sign * (now.spread[index][0] ?? 0)));
+  const lines = [{ label: "mean residual", values: mean, stroke: colour("residual"), width: 2 }];
+  if (then) lines.push({ label: "before the last addition", values: resampled(then, x), stroke: colour("soft"), width: 1.5, dash: [5, 4] });
+  figure(target, {
+    title: `Residual of ${now.joint} over ${KINDS[apart(signal)[0]]?.[0] ?? "time"}`,
+    x: { label: signalInWords(signal, model, false), words: number, values: x },
+    y: { label: `residual (${unit})`, words: (raw) => `${number(raw)} ${unit}` },
+    band: { names: ["mean + spread", "mean − spread"], ends: [around(1), around(-1)] },
+    lines,
+  }, until);
 }
 
 function apart(signal) {

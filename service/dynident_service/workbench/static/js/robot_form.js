@@ -3,7 +3,7 @@
 import { post } from "./api.js";
 import { field, h, put, select } from "./dom.js";
 import { dropZone } from "./drop_zone.js";
-import { clearForm, pressed, showInForm } from "./problem.js";
+import { sending } from "./problem.js";
 import { factsIn, gainFields, placeFields } from "./recordings/robot_facts.js";
 
 const MOVING = new Set(["revolute", "continuous", "prismatic"]);
@@ -35,17 +35,11 @@ export function robotForm(formats, onMade, open) {
     name.value ||= file.name.replace(/\.[^.]*$/, "");
     described();
   };
-  const send = async (event) => {
-    event.preventDefault();
-    clearForm(form, said);
-    await pressed(submit, async () => {
-      const description = { format: format.value, content: content.value };
-      onMade(await post("/robots", { name: name.value, description, ...factsIn(form) }));
-    }, (error) => showInForm(form, said, error));
-  };
-  const form = h(
-    "form",
-    { onsubmit: send },
+  const send = sending(submit, said, async (form) => {
+    const description = { format: format.value, content: content.value };
+    onMade(await post("/robots", { name: name.value, description, ...factsIn(form) }));
+  });
+  const form = h("form", { onsubmit: send },
     dropZone("Drop the robot's file here, or choose it:", { accept: ".urdf,.xml,.json,.txt,.csv", id: "robot-file" }, read),
     h("div", { class: "fields" }, field("Name", name, { pointer: "/name" }), field("Format", format, { pointer: "/description/format" })),
     field("Description", content, { pointer: "/description", hint: "Paste it, or drop the file above.", wide: true }),

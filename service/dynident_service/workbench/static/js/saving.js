@@ -1,18 +1,40 @@
 // Files to be taken along.
 
-import { h } from "./dom.js";
+import { file } from "./api.js";
+import { announce, h, put } from "./dom.js";
+import { problemBox } from "./problem.js";
 
-/** A link for each of the `formats`, whose file is at `pathOf(format)`. */
-export function formatLinks(formats, pathOf, take) {
+/**
+ * A link for each of the `formats`, whose file is at `pathOf(format)`; what its format could not hold, or why there is
+ * none, is put into `said`, with what `wayOut(error, path)` offers then.
+ */
+export function formatLinks(formats, pathOf, said, wayOut = () => null) {
   return formats.map(([format, text]) => {
     const path = pathOf(format);
     // The address stands in the link for copying; a click says more than a download would.
     const onclick = (event) => {
       event.preventDefault();
-      take(path);
+      take(path, said, wayOut);
     };
     return h("a", { class: "button", href: path, "data-format": format, onclick }, text);
   });
+}
+
+/** Save the file that is at a path. */
+export async function take(path, said, wayOut = () => null) {
+  try {
+    const { content, name, notes } = await file(path);
+    save(content, name);
+    put(said, notes.length ? noteBox(name, notes) : null);
+    announce(`${name} is saved`);
+  } catch (error) {
+    put(said, problemBox(error), wayOut(error, path));
+  }
+}
+
+function noteBox(name, notes) {
+  return h("div", { class: "box warning", id: "export-notes" },
+    h("p", {}, h("strong", {}, `What to know of ${name}`)), h("ul", {}, notes.map((one) => h("li", {}, one))));
 }
 
 /** Have the browser save a file. */

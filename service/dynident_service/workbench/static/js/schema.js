@@ -1,8 +1,8 @@
 // What a request takes, as the contract says it: its fields, their words, and what each is one of.
 
-import { whole } from "./api.js";
+import { once, whole } from "./api.js";
 
-let reading = null;
+const contract = once(() => whole("/openapi.json"));
 
 /** The fields of a body of the contract, by their names: { description, default, enum, "x-choices", … }. */
 export async function fieldsOf(body) {
@@ -29,12 +29,4 @@ export async function optionsOf(body, id) {
 
 async function schemas() {
   return (await contract()).components.schemas;
-}
-
-async function contract() {
-  reading ??= whole("/openapi.json").catch((error) => {
-    reading = null;
-    throw error;
-  });
-  return reading;
 }

@@ -1,9 +1,9 @@
 // Measured against predicted torque of all joints on the chosen measurement, and the worst stretches.
 
 import { CompareStack } from "./compare/stack.js";
-import { field, h, numeric, put, row, section, select, table } from "./dom.js";
+import { field, figures, h, jointButton, listed, put, section, select } from "./dom.js";
 import { number, percent, positionUnit, quantity } from "./format.js";
-import { computed, progressBar } from "./jobs.js";
+import { awaited } from "./jobs.js";
 import { address, remember } from "./location.js";
 import { problemBox } from "./problem.js";
 
@@ -26,7 +26,8 @@ export function torqueSection(model, signal) {
     put(source, h("a", { href: address({ view: "recording", measurement: wanted }) }, "its signals, windows and checks"));
     put(body, h("p", { class: "note" }, "Comparing …"));
     try {
-      const comparison = await compared(model, wanted, body, signal);
+      const asked = await model.comparedWith(wanted, signal);
+      const comparison = asked.status === "succeeded" ? asked : await awaited("/comparisons", asked, "Comparing", body, signal);
       if (signal.aborted || wanted !== model.measurement) return;
       put(worst);
       put(body, figures.element, worst);
@@ -64,30 +65,18 @@ export function torqueSection(model, signal) {
   );
 }
 
-async function compared(model, measurement, target, signal) {
-  const found = await model.comparedWith(measurement, signal);
-  if (found.status === "succeeded") return found;
-  const bar = progressBar(found.job_id, "Comparing");
-  const show = (seen) => {
-    if (!bar.element.isConnected) put(target, bar.element);
-    bar.update(seen);
-  };
-  return computed("/comparisons", found, show, signal);
-}
-
-function jointButton(model, joint) {
-  const pressed = joint === model.joint ? "true" : "false";
-  return h("button", { type: "button", "aria-pressed": pressed, onclick: () => model.chooseJoint(joint) }, joint);
-}
-
 /** The residual against what noise alone would leave, joint by joint. */
 function overNoise(model) {
   const { noise_floor: floor, over_noise: over, noise_source: source, effective_samples: few, n_samples: all } = model.comparison.result;
   if (!floor.length) return null;
   const from = source === "repeated_periods" ? "repeated periods" : "high frequencies";
-  const head = ["joint", ...[`noise floor, from ${from}`, "residual over noise", `independent samples, of ${all}`].map((text) => ({ text, class: "n" }))];
-  const rows = model.joints.map((joint, k) => row([joint, numeric(quantity(floor[k], model.unitOf(joint)), floor[k]), numeric(over[k] === null ? "–" : `${number(over[k], 2)} ×`, over[k]), numeric(number(few[k]), few[k])]));
-  return h("details", {}, h("summary", {}, "Residual against the noise"), table("On this measurement", head, rows, { id: "over-noise" }));
+  const columns = [
+    ["joint", (joint) => joint],
+    figures(`noise floor, from ${from}`, (_, k) => floor[k], (value, joint) => quantity(value, model.unitOf(joint))),
+    figures("residual over noise", (_, k) => over[k], (value) => (value === null ? "–" : `${number(value, 2)} ×`)),
+    figures(`independent samples, of ${all}`, (_, k) => few[k], (value) => number(value)),
+  ];
+  return h("details", {}, h("summary", {}, "Residual against the noise"), listed("On this measurement", columns, model.joints, { id: "over-noise" }));
 }
 
 function worstStretches(model) {

@@ -2,26 +2,24 @@
 
 import { get, lastAsked } from "./api.js";
 import { choiceInWords } from "./catalogue.js";
-import { field, h, numeric, put, right, row, select, svg, table } from "./dom.js";
-import { moment, number, percent } from "./format.js";
-import { grid, marker, ticksUpTo } from "./ladder_figures.js";
+import { field, h, numeric, put, right, row, select, table } from "./dom.js";
+import { moment, number } from "./format.js";
+import { laddersFigure } from "./ladder_figures.js";
 import { address } from "./location.js";
-import { problemBox } from "./problem.js";
+import { orSay } from "./problem.js";
 
 /** Folded away until somebody asks for it. */
 export function twoLadders(model, signal) {
   const body = h("div", { id: "two-ladders" });
   const details = h("details", { id: "compare-ladders", ontoggle: () => open() }, h("summary", {}, "Compare with another ladder"), body);
   let filled = false;
-  const open = async () => {
+  const open = () => {
     if (filled || !details.open) return;
     filled = true;
-    try {
+    orSay(body, async () => {
       const { items } = await get("/identifications", { robot_id: model.identification.robot_id, limit: 100, brief: true }, signal);
       put(body, chooser(model, items.filter((one) => one.status === "succeeded" && one.id !== model.id), signal));
-    } catch (error) {
-      if (!signal.aborted) put(body, problemBox(error));
-    }
+    }, signal);
   };
   return details;
 }
@@ -30,14 +28,9 @@ function chooser(model, others, signal) {
   if (!others.length) return h("p", { class: "note" }, "There is no other model of this robot.");
   const figure = h("div");
   const drawing = lastAsked(signal);
-  const show = async (against) => {
+  const show = (against) => {
     const mine = drawing();
-    try {
-      const found = await get(`/identifications/${model.id}/lineage`, { against }, mine);
-      if (!mine.aborted) put(figure, shown(model, found));
-    } catch (error) {
-      if (!mine.aborted) put(figure, problemBox(error));
-    }
+    orSay(figure, async () => put(figure, shown(model, await get(`/identifications/${model.id}/lineage`, { against }, mine))), mine);
   };
   const options = others.map((one) => [one.id, `${one.name || model.robot.name}, ${changeOf(model, one)}, ${moment(one.created_at)}`]);
   const pick = select(options, options[0][0], show, { id: "other-ladder" });
@@ -64,35 +57,16 @@ function shown(model, found) {
 }
 
 function both(own, other, heldOut) {
-  const [width, height] = [560, 260];
-  const room = { left: 48, right: 16, top: 40, bottom: 34 };
-  const count = Math.max(own.length, other.length);
-  const most = 1.15 * Math.max(...own, ...other);
-  const x = (k) => room.left + ((k + 0.5) / count) * (width - room.left - room.right);
-  const y = (value) => height - room.bottom - (value / most) * (height - room.top - room.bottom);
   const lines = [
-    { name: "this ladder", css: "held-out", kind: "square", values: own, left: false },
-    { name: "the other", css: "fit", kind: "circle", values: other, left: true },
+    { name: "this ladder", css: "held-out", marker: "square", values: own },
+    { name: "the other", css: "fit", marker: "circle", values: other },
   ];
   const label = heldOut ? "Held-out relative error, all joints (%)" : "Relative error of the fit, all joints (%)";
-  const words = lines.map((line) => `${line.name}: ${line.values.map((value) => percent(value)).join(", ")}`).join("; ");
-  return h(
-    "figure",
-    { class: "drawn" },
-    h("figcaption", { class: "chart-title" }, label),
-    svg("svg", { viewBox: `0 0 ${width} ${height}`, style: { "max-width": `${width}px` }, role: "img", "aria-label": `${label}. ${words}` },
-      grid(ticksUpTo(100 * most), (value) => y(value / 100), room.left, width - room.right),
-      Array.from({ length: count }, (_, k) => svg("text", { x: x(k), y: height - 8, "text-anchor": "middle" }, `model ${k + 1}`)),
-      lines.map(({ css, kind, values, left }) => [
-        svg("polyline", { class: `line ${css}`, points: values.map((value, k) => `${x(k)},${y(value)}`).join(" ") }),
-        values.map((value, k) => [
-          marker(kind, x(k), y(value), css),
-          // Where both ladders have the same model its figure stands once.
-          left && value === own[k] ? null : svg("text", { class: "figure", x: x(k) + (left ? -10 : 10), y: y(value) + 4, "text-anchor": left ? "end" : "start" }, number(100 * value)),
-        ]),
-      ]),
-      lines.map((line, k) => [marker(line.kind, room.left + 12 + 120 * k, 14, line.css), svg("text", { x: room.left + 24 + 120 * k, y: 18 }, line.name)])),
-  );
+  return laddersFigure(label, 560, lines, (line, k) => {
+    if (line.values === own) return { dx: 10, dy: 4, anchor: "start" };
+    // Where both ladders have the same model its figure stands once.
+    return other[k] === own[k] ? null : { dx: -10, dy: 4, anchor: "end" };
+  });
 }
 
 function differences(model, found, kind) {

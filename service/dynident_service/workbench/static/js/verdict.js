@@ -2,7 +2,7 @@
 
 import { get } from "./api.js";
 import { h, put, section } from "./dom.js";
-import { problemBox } from "./problem.js";
+import { orSay } from "./problem.js";
 import { goToTab } from "./tabs.js";
 
 /** Asks the service for its verdict; the next click follows the diagnosis. */
@@ -11,15 +11,11 @@ export function verdictSection(model, signal) {
   const next = h("p", { class: "actions" });
   let found = null;
   const showNext = () => put(next, found && nextClick(model, found));
-  const judge = async () => {
-    try {
-      found = await get(`/identifications/${model.id}/verdict`, {}, signal);
-      put(body, judged(found));
-      showNext();
-    } catch (error) {
-      if (!signal.aborted) put(body, problemBox(error, judge));
-    }
-  };
+  const judge = () => orSay(body, async () => {
+    found = await get(`/identifications/${model.id}/verdict`, {}, signal);
+    put(body, judged(found));
+    showNext();
+  }, signal, judge);
   model.addEventListener("diagnosis", showNext);
   judge();
   return section("fitness", "What it is fit for", body, next);

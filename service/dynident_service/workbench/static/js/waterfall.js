@@ -18,9 +18,7 @@ export function waterfallFigure(errors, joints, floors, kind) {
     return values.length < 2 ? null : panel(joint, values, relativeFloor(errors, index, floors[index]));
   });
   const key = [["first", "first model"], ["falls", "falls"], ["rises", "rises"], ["last", "last model"], ["floor", "noise floor"]];
-  return h(
-    "figure",
-    { class: "drawn waterfall", id: "waterfall" },
+  return h("figure", { class: "drawn waterfall", id: "waterfall" },
     h("figcaption", { class: "chart-title" }, `What each rung takes from every joint's relative error, ${kind} (%)`),
     h("p", { class: "key" }, key.map(([css, words]) => h("span", {}, h("span", { class: `swatch ${css}` }), words))),
     h("div", { class: "panels" }, panels),
@@ -52,9 +50,7 @@ function panel(joint, values, floor) {
   });
   const words = `${joint}: ${values.map((value) => percent(value)).join(", then ")}${floor === null ? "" : `; the noise floor is ${percent(floor)}`}`;
   const named = (k, text) => svg("text", { x: ROOM.left + pitch * (k + 0.5), y: HEIGHT - 8, "text-anchor": "middle" }, text);
-  return h(
-    "div",
-    { class: "panel", "data-joint": joint },
+  return h("div", { class: "panel", "data-joint": joint },
     h("p", { class: "panel-title" }, joint, h("small", {}, ` ${percent(values[0])} → ${percent(values.at(-1))}`)),
     svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": words },
       grid(ticksUpTo(100 * most), (value) => y(value / 100), ROOM.left, WIDTH - ROOM.right),

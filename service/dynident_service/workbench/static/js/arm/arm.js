@@ -1,13 +1,12 @@
 // The arm in motion: drawn from the geometry that the API gives, turned by dragging, with a slider of time.
 
-import { get } from "../api.js";
+import { get, post } from "../api.js";
 import { h, put } from "../dom.js";
 import { quantity } from "../format.js";
 import { onColours } from "../plots.js";
 import { draw } from "./drawing.js";
 import { outlinesOf } from "./surroundings.js";
-import { BASE, framesAt, origin, segmentsAt, surfacesAt } from "./kinematics.js";
-import { loopsOf } from "./loops.js";
+import { BASE, origin, segmentsAt, surfacesAt } from "./kinematics.js";
 
 const POSES_OF_PATH = 300;
 const STEP = 0.12; // rad a key
@@ -16,16 +15,16 @@ const STEP = 0.12; // rad a key
  * Show a robot's motion in `element`.
  *
  * `times` (s) and `positions` ([sample][joint], rad or m) are those of its joints in the robot's order. Gives
- * { show(time), keepClear(clearances), element }; `onTime(time)` is told when a person moves the arm to another time.
- * Without `positions` the arm stands at zero, or where its loops are closed. `surroundings` are those of a design. Nothing goes on after `signal` aborts.
+ * { show(time), surround(clearances), keepClear(clearances), element }; `onTime(time)` is told when a person moves the arm to another time.
+ * Without `positions` the arm stands at zero, or where its loops are closed. `floor` is the height of one (m). Nothing goes on after `signal` aborts.
  */
-export async function mountArm(element, { robotId, times = [0], positions = null, surroundings = null, onTime = () => {}, signal = undefined }) {
+export async function mountArm(element, { robotId, times = [0], positions = null, floor = null, onTime = () => {}, signal = undefined }) {
   const geometry = await get(`/robots/${robotId}/geometry`, {}, signal);
-  const followed = loopsOf(geometry);
   const motion = positions ?? [geometry.joints.map((_, k) => geometry.closed[k] ?? 0)];
-  const state = { time: times[0], playing: null, view: { turn: 0.6, tilt: 0.35, ...extent(geometry, motion, followed) } };
-  const path = pathOf(geometry, motion, followed);
-  const around = outlinesOf(surroundings, state.view.reach);
+  const { poses } = await post(`/robots/${robotId}/poses`, { positions: motion }, { signal });
+  const state = { time: times[0], playing: null, view: { turn: 0.6, tilt: 0.35, ...extent(geometry, poses) } };
+  const path = some(poses).map((frames) => frames.findLast(Boolean)).filter(Boolean).map(origin);
+  let outlines = [];
   const near = h("p", { class: "note", id: "nearest-now", hidden: true });
   let clearances = null;
   const canvas = h("canvas", { class: "arm", tabindex: "0", role: "img", "aria-label": "The arm. Drag or use the arrow keys to turn it; plus and minus change its size." });
@@ -37,19 +36,25 @@ export async function mountArm(element, { robotId, times = [0], positions = null
     state.time = Math.min(Math.max(time, times[0]), times.at(-1));
     slider.value = state.time;
     clock.textContent = quantity(state.time, "s");
-    const frames = framesAt(geometry, followed(motion[before(times, state.time)]));
+    const frames = poses[before(times, state.time)];
     canvas.dataset.origins = JSON.stringify(frames.map((pose) => pose && origin(pose)));
     const parts = { surfaces: surfacesAt(geometry, frames), segments: segmentsAt(geometry, frames, 0.025 * state.view.reach) };
     canvas.dataset.triangles = parts.surfaces.reduce((sum, one) => sum + one.triangles.length, 0);
     const { lines, words } = clearances?.at(state.time, frames) ?? { lines: [], words: "" };
     canvas.dataset.gaps = JSON.stringify(lines.map((one) => one.ends));
     near.firstChild?.replaceWith(`${words} `);
-    draw(canvas, state.view, { ...parts, frames: [BASE, ...frames], path, around, gaps: lines });
+    draw(canvas, state.view, { ...parts, frames: [BASE, ...frames], path, around: { floor, outlines }, gaps: lines });
   }
 
   function moved(time) {
     show(time);
     onTime(state.time);
+  }
+
+  /** Draw what stands around the robot, as GET /v1/designs/{id}/clearances has it. */
+  function surround(found) {
+    outlines = outlinesOf(found, state.view.reach);
+    show(state.time);
   }
 
   /** Draw what the links are near to along the motion, as it is known (see clearances.js). */
@@ -100,7 +105,7 @@ export async function mountArm(element, { robotId, times = [0], positions = null
     if (canvas.hasPointerCapture(event.pointerId)) turn(event.movementX / 120, event.movementY / 120);
   });
 
-  const open = some(motion).some((posture) => followed(posture).length < geometry.closed.length);
+  const open = poses.some((frames) => frames.includes(null));
   const notes = [
     geometry.capsules.length || geometry.surfaces.length ? "" : "There is no collision geometry that can be read: rods stand for the links.",
     open ? "Somewhere on this motion the loops cannot be closed: what they move is not drawn there." : "",
@@ -112,7 +117,7 @@ export async function mountArm(element, { robotId, times = [0], positions = null
   signal?.addEventListener("abort", () => observer.disconnect());
   onColours(() => show(state.time), signal);
   show(state.time);
-  return { show, keepClear, element };
+  return { show, surround, keepClear, element };
 }
 
 /** The last sample that is not after a time. */
@@ -131,15 +136,10 @@ function some(motion) {
   return motion.filter((_, index) => index % step === 0);
 }
 
-function pathOf(geometry, motion, followed) {
-  return some(motion).map((posture) => framesAt(geometry, followed(posture)).findLast(Boolean)).filter(Boolean).map(origin);
-}
-
 /** Middle and reach of all that the motion sweeps: the ball about the middle that holds it. */
-function extent(geometry, motion, followed) {
+function extent(geometry, poses) {
   const boxes = { surfaces: geometry.surfaces.map((one) => ({ ...one, points: cornersOf(one.points) })) };
-  const swept = some(motion).flatMap((posture) => {
-    const frames = framesAt(geometry, followed(posture));
+  const swept = some(poses).flatMap((frames) => {
     const ends = segmentsAt(geometry, frames, 0.02).flatMap(({ start, end, radius }) => [[start, radius], [end, radius]]);
     return [...ends, ...surfacesAt(boxes, frames).flatMap(({ points }) => points.map((point) => [point, 0]))];
   });

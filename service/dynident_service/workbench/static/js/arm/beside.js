@@ -7,9 +7,9 @@ const FRAMES = 1500;
 
 /**
  * A part of a page to be opened. `motion()` gives [{ t, q }] of the robot's joints (s, rad or m, q null where there is
- * no sample), or null as long as nothing is known; the arm follows the "cursor" events of `view`.
+ * no sample), [] where the robot only stands, or null as long as nothing is known; the arm follows the "cursor" events of `view`.
  */
-export function armBeside({ robotId, view, motion }, signal) {
+export function armBeside({ robotId, view, motion, props = { class: "arm-beside" } }, signal) {
   const place = h("div");
   let mounted = null;
   let turn = 0; // of those who mount an arm the last one has its way
@@ -22,8 +22,7 @@ export function armBeside({ robotId, view, motion }, signal) {
     mounting = true;
     try {
       const { mountArm } = await import("./arm.js");
-      const { times, positions } = together(joints);
-      const made = await mountArm(h("div"), { robotId, times, positions, signal });
+      const made = await mountArm(h("div"), { robotId, ...(joints.length ? together(joints) : {}), signal });
       if (mine !== turn) return;
       mounted = made;
       put(place, made.element);
@@ -36,7 +35,7 @@ export function armBeside({ robotId, view, motion }, signal) {
   };
   view.addEventListener("settled", open, { signal });
   view.addEventListener("cursor", () => mounted?.show(view.at), { signal });
-  const element = h("details", { class: "arm-beside", ontoggle: open }, h("summary", {}, "The arm at the moment under the cursor"), place);
+  const element = h("details", { ...props, ontoggle: open }, h("summary", {}, "The arm at the moment under the cursor"), place);
   return {
     element,
     /** Other signals are shown: the arm is that of these. */

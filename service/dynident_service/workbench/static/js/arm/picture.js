@@ -4,41 +4,27 @@ import { ask } from "../api.js";
 import { announce, h, put } from "../dom.js";
 import { dropZone } from "../drop_zone.js";
 import { counted } from "../format.js";
+import { givenUp } from "../jobs.js";
 import { problemBox } from "../problem.js";
+import { armBeside } from "./beside.js";
 
 /** A part of a page to be opened: the arm at zero, and a place for the files of its meshes. */
 export function pictureOf(robot, signal) {
-  const place = h("div");
   const meshes = h("div");
   let meant = robot;
-  let turn = 0;
-  const show = async () => {
-    if (!element.open || place.firstChild) return;
-    turn += 1;
-    const mine = turn;
-    try {
-      const { mountArm } = await import("./arm.js");
-      const { element: arm } = await mountArm(h("div"), { robotId: robot.id, signal });
-      // Opened twice, or with other meshes meanwhile: the last one is shown.
-      if (mine === turn) put(place, arm);
-    } catch (error) {
-      if (!signal.aborted && mine === turn) put(place, problemBox(error, show));
-    }
+  const arm = armBeside({ robotId: robot.id, view: new EventTarget(), motion: () => [], props: { id: "robot-picture" } }, signal);
+  const tell = () => {
+    put(arm.element.firstChild, "The arm", lacking(meant) ? `: ${lacking(meant)} of ${counted(meant.meshes.length, "mesh", "meshes")} missing` : "");
+    put(meshes, meant.meshes.length ? meshesForm(meant, sent, signal) : null);
   };
   const sent = (answer) => {
     meant = { ...meant, meshes: answer.meshes };
-    put(place);
     tell();
-    show();
+    arm.forget();
   };
-  const tell = () => {
-    put(summary, "The arm", lacking(meant) ? `: ${lacking(meant)} of ${counted(meant.meshes.length, "mesh", "meshes")} missing` : "");
-    put(meshes, meant.meshes.length ? meshesForm(meant, sent, signal) : null);
-  };
-  const summary = h("summary", {});
-  const element = h("details", { id: "robot-picture", ontoggle: show }, summary, place, meshes);
+  arm.element.append(meshes);
   tell();
-  return element;
+  return arm.element;
 }
 
 function lacking({ meshes }) {
@@ -50,10 +36,8 @@ function meshesForm(robot, onSent, signal) {
   const rows = robot.meshes.map((one) => h("li", {}, one.sha256 ? "✓ " : "missing: ", h("code", {}, one.name), ` of ${one.links.join(", ")}`));
   const send = async (files) => {
     if (!files.length) return void put(said, h("p", { class: "note" }, "There is no STL, OBJ, DAE or PLY file in it."));
-    const given = new AbortController();
-    signal.addEventListener("abort", () => given.abort());
-    const stop = h("button", { type: "button", class: "small", onclick: () => given.abort() }, "Cancel");
-    put(said, h("div", { class: "progress" }, h("span", {}, `Reading ${counted(files.length, "file")}`), h("progress", { "aria-label": "Reading the meshes" }), stop));
+    const given = givenUp(`Reading ${counted(files.length, "file")}`, said);
+    signal.addEventListener("abort", given.stop);
     const form = new FormData();
     for (const file of files) form.append("files", file, pathOf(file));
     try {

@@ -2,7 +2,7 @@
 
 import { h, put } from "../dom.js";
 import { number, quantity } from "../format.js";
-import { axis, colour, symmetric } from "../plots.js";
+import { axis, colour, edges, symmetric, timeAxis, told } from "../plots.js";
 import { redraw, timePlot } from "../signals/time_plot.js";
 import { drawLine, shade } from "../signals/grounds.js";
 
@@ -53,19 +53,18 @@ export class JointRow {
     const { chosen, shows } = this.shaped;
     const { unit, shifted } = this.line;
     const time = shifted ? "time, runs one after another (s)" : "time (s)";
-    const value = (_, raw) => (raw === null || raw === undefined ? "–" : `${number(raw)} ${unit}`);
-    const band = { class: "edge", stroke: "transparent", width: 0, points: { show: false }, value };
+    const value = told((raw) => `${number(raw)} ${unit}`);
     const line = (label, stroke, width = 1) => ({ label, stroke, width, points: { show: false }, value });
-    const first = { label: "time", value: (_, raw) => (raw === null || raw === undefined ? "–" : `${number(raw, 5)} s`) };
+    const first = { label: "time", value: told((raw) => `${number(raw, 5)} s`) };
     const wash = { series: [1, 2], fill: colour("band-wash") };
     const rest = { series: [3, 4], fill: colour("rest-wash") };
     const kinds = {
-      torque: [[first, { ...band, label: "95 % upper" }, { ...band, label: "lower" }, { ...band, label: "friction may hold" }, { ...band, label: "down to" }, line("measured", colour("measured"), 1.6), line("predicted", colour("predicted"), 1.2)], [wash, rest], (one, low, high) => this.#around(one, low, high)],
-      residual: [[first, { ...band, label: "95 % upper" }, { ...band, label: "lower" }, line("residual", colour("residual"), 1)], [wash], symmetric],
+      torque: [[first, ...edges(["95 % upper", "lower", "friction may hold", "down to"], value), line("measured", colour("measured"), 1.6), line("predicted", colour("predicted"), 1.2)], [wash, rest], (one, low, high) => this.#around(one, low, high)],
+      residual: [[first, ...edges(["95 % upper", "lower"], value), line("residual", colour("residual"), 1)], [wash], symmetric],
     };
     shows.forEach((kind) => {
       const [series, bands, range] = kinds[kind];
-      const x = this.#saysTime(kind) ? axis(time, 2) : { ...axis("", 2), label: null, values: (_, splits) => splits.map(() => ""), size: 6 };
+      const x = timeAxis(this.#saysTime(kind) ? time : "");
       const options = {
         height: this.#height(kind),
         series,

@@ -2,7 +2,7 @@
 
 import { get, lastAsked } from "../api.js";
 import { placeOf, shapeInWords, titleOf } from "../catalogue.js";
-import { announce, h, numeric, put, right, row, table } from "../dom.js";
+import { announce, figures, h, listed, put } from "../dom.js";
 import { number, percent, positionUnit, quantity } from "../format.js";
 import { explainedShare } from "./explained.js";
 
@@ -64,11 +64,16 @@ export class Moment {
       put(target, h("p", {}, `Of the effects that the diagnosis ranks for ${joint} none takes more than 1${"\u202f"}% of the residual's squares in this stretch.${whose}`));
       return;
     }
-    const rows = helpful.map(([one, share, variable]) =>
-      row([titleOf(this.model.effects, one.effect), placeOf(this.model.effects, one, this.model.joints), shapeInWords(this.model.effects, one) || "–", variable, numeric(percent(share, 2), share), one.significant ? h("span", { class: "mark ok" }, "✓ significant") : "not significant"]),
-    );
-    const head = ["effect", "where", "shape", "seen over", right("takes of this stretch"), "on held-out data"];
-    put(target, table("Effects that would explain it", head, rows, { id: "explained" }), h("p", { class: "note" }, `Share of the residual's squares in this stretch that the effect's fitted curve takes.${whose}`));
+    const { effects, joints } = this.model;
+    const columns = [
+      ["effect", ([one]) => titleOf(effects, one.effect)],
+      ["where", ([one]) => placeOf(effects, one, joints)],
+      ["shape", ([one]) => shapeInWords(effects, one) || "–"],
+      ["seen over", ([, , variable]) => variable],
+      figures("takes of this stretch", ([, share]) => share, (share) => percent(share, 2)),
+      ["on held-out data", ([one]) => (one.significant ? h("span", { class: "mark ok" }, "✓ significant") : "not significant")],
+    ];
+    put(target, listed("Effects that would explain it", columns, helpful, { id: "explained" }), h("p", { class: "note" }, `Share of the residual's squares in this stretch that the effect's fitted curve takes.${whose}`));
   }
 }
 
@@ -83,15 +88,12 @@ function indicesOf(line, from, to) {
 }
 
 function poseTable(model, lines, time) {
-  const rows = model.joints.filter((joint) => lines[joint]).map((joint) => {
-    const { x, values, unit } = lines[joint];
-    const at = nearest(x, values.q, time);
-    const length = positionUnit(unit);
-    const cell = (name, of) => numeric(quantity(values[name]?.[at] ?? null, of), values[name]?.[at] ?? "");
-    return row([joint, cell("q", length), cell("dq", `${length}/s`), cell("load", unit), cell("measured", unit), cell("residual", unit)]);
-  });
-  const head = ["joint", ...["position", "speed", "load of the rigid body", "measured", "residual"].map(right)];
-  return table(`All joints at ${number(time, 4)} s`, head, rows, { id: "pose" });
+  const column = (head, name, suffix = null) => figures(head, (joint) => {
+    const { x, values } = lines[joint];
+    return values[name]?.[nearest(x, values.q, time)] ?? null;
+  }, (value, joint) => quantity(value, suffix === null ? lines[joint].unit : `${positionUnit(lines[joint].unit)}${suffix}`));
+  const columns = [["joint", (joint) => joint], column("position", "q", ""), column("speed", "dq", "/s"), column("load of the rigid body", "load"), column("measured", "measured"), column("residual", "residual")];
+  return listed(`All joints at ${number(time, 4)} s`, columns, model.joints.filter((joint) => lines[joint]), { id: "pose" });
 }
 
 function nearest(x, values, time) {

@@ -3,10 +3,9 @@
 import { armBeside } from "../arm/beside.js";
 import { announce, field, h, put, select } from "../dom.js";
 import { number, percent } from "../format.js";
-import { asked, remember } from "../location.js";
 import { onColours } from "../plots.js";
-import { problemBox } from "../problem.js";
-import { TimeView, timeButtons, timeGroup } from "../signals/time_view.js";
+import { orSay } from "../problem.js";
+import { TimeView, askedStretch, rememberStretch, timeButtons, timeGroup } from "../signals/time_view.js";
 import { find } from "../timeline.js";
 import { JointRow } from "./joint_row.js";
 import { Moment, around } from "./moment.js";
@@ -45,14 +44,13 @@ export class CompareStack {
   }
 
   async #showAll(comparison) {
-    const { from, to } = asked();
     this.reader = new Reader(comparison, this.model.joints, (joint, line) => this.#show(joint, line), this.signal);
     Object.assign(this, { lines: {}, raw: {} });
     this.moment.clear();
     this.shape();
     this.view.stretch = null;
     this.view.setWhole(comparison.result.start_time, comparison.result.end_time);
-    const wanted = from && to && Number(to) > Number(from) ? { from: Number(from), to: Number(to) } : null;
+    const wanted = askedStretch();
     // What the address asks for comes first; only of runs one after another all has to be known before.
     const known = wanted && !overlap(this.model.measurements.find((one) => one.id === this.model.measurement).segments);
     if (!known && !(await this.#read(null))) return;
@@ -103,14 +101,11 @@ export class CompareStack {
   }
 
   async #read(stretch) {
-    try {
+    return orSay(this.trouble, async () => {
       await this.reader.read(stretch, this.model.joint);
       put(this.trouble);
       return true;
-    } catch (error) {
-      if (!this.signal.aborted) put(this.trouble, problemBox(error, () => this.#read(stretch)));
-      return false;
-    }
+    }, this.signal, () => this.#read(stretch));
   }
 
   /** Where the joints were; null as long as that is not known of all. */
@@ -121,8 +116,7 @@ export class CompareStack {
 
   async #settled() {
     const { stretch } = this.view;
-    const seconds = (value) => String(Number(value.toFixed(4)));
-    remember({ from: stretch ? seconds(stretch.from) : "", to: stretch ? seconds(stretch.to) : "" });
+    rememberStretch(stretch);
     this.#readRaw();
     if (!(await this.#read(stretch)) || stretch !== this.view.stretch) return;
     if (this.looksAt) this.#look(...this.looksAt, this.lines);

@@ -5,7 +5,7 @@ import { controls, said as saidBy, sorted } from "../asked.js";
 import { catalogue } from "../catalogue.js";
 import { field, h } from "../dom.js";
 import { go } from "../location.js";
-import { clearForm, pressed, showInForm } from "../problem.js";
+import { sending } from "../problem.js";
 import { fieldsOf } from "../schema.js";
 import { limitsTable } from "./limits_table.js";
 import { purposeChoice } from "./purpose.js";
@@ -30,10 +30,8 @@ export async function designForm(robot, given) {
   const said = h("div");
   const submit = h("button", { class: "main", id: "run-design" }, "Design the experiment");
 
-  const send = async (event) => {
-    event.preventDefault();
-    clearForm(form, said);
-    const body = {
+  const send = sending(submit, said, async () => {
+    const made = await post("/designs", {
       ...given,
       robot_id: robot.id,
       name: name.value.trim() || null,
@@ -42,15 +40,10 @@ export async function designForm(robot, given) {
       ...limits.read(),
       trajectory: { ...given.trajectory, ...saidBy(moves) },
       ...saidBy(own),
-    };
-    await pressed(submit, async () => {
-      const made = await post("/designs", body);
-      go({ view: "design", robot: robot.id, design: made.id });
-    }, (error) => showInForm(form, said, error));
-  };
-  const form = h(
-    "form",
-    { id: "design-form", onsubmit: send, novalidate: true },
+    });
+    go({ view: "design", robot: robot.id, design: made.id });
+  });
+  return h("form", { id: "design-form", onsubmit: send, novalidate: true },
     purpose.element,
     h("div", { class: "fields" }, kind.element, open.map((one) => one.element)),
     limits.element,
@@ -59,5 +52,4 @@ export async function designForm(robot, given) {
     said,
     h("p", {}, submit),
   );
-  return form;
 }

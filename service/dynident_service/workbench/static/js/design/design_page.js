@@ -1,15 +1,15 @@
 // The view that designs an experiment: what is wanted, how the search goes, what it found.
 
 import { get } from "../api.js";
-import { announce, field, h, put, right, row, select, table } from "../dom.js";
+import { announce, field, figures, h, listed, put, select } from "../dom.js";
 import { moment, number } from "../format.js";
-import { computed, progressBar } from "../jobs.js";
+import { awaited } from "../jobs.js";
 import { address, go } from "../location.js";
 import { problemBox } from "../problem.js";
 import { descent } from "./descent.js";
 import { designForm } from "./design_form.js";
 import { designResult } from "./design_result.js";
-import { proposalOf, proposals } from "./proposals.js";
+import { nextBox, proposalOf, proposals } from "./proposals.js";
 
 /** With `design` that one, else a form for a new one; with `diagnosis` filled in as it proposes. */
 export async function page(target, wanted, signal) {
@@ -28,28 +28,23 @@ export async function page(target, wanted, signal) {
     h("h1", {}, "Design an experiment"),
     h("p", {}, "A motion within the robot's limits that tells its parameters apart as well as can be."),
     h("div", { class: "bar-of-fields" }, field("Robot", choose)),
-    next ? nextBox(next) : proposed,
+    next ? nextBox("Next experiment, filled in below", next) : proposed,
     form,
     earlier,
   );
 }
 
-function nextBox(next) {
-  return h("div", { class: "box" }, h("p", {}, h("strong", {}, "Next experiment, filled in below. "), next.reason),
-    next.instructions?.length ? h("ol", {}, next.instructions.map((step) => h("li", {}, step))) : null);
-}
-
 async function earlierDesigns(robot, signal) {
   const { items } = await get("/designs", { robot_id: robot.id, limit: 50 }, signal);
   if (!items.length) return null;
-  const rows = items.map((one) => row([
-    h("a", { href: address({ view: "design", robot: robot.id, design: one.id }) }, one.name ?? `${one.request.kind.replaceAll("_", " ")}, ${one.request.criterion.name.replaceAll("_", " ")}`),
-    moment(one.created_at),
-    h("span", { class: `mark ${one.status}` }, one.status),
-    { class: "n", text: number(one.result?.criterion_values.criterion) },
-    { class: "n", text: number(one.result?.baseline_values?.criterion) },
-  ]));
-  return h("section", { "aria-label": "Designs" }, h("h2", {}, "Designs that are there"), table("Designs of this robot", ["design", "date", "state", right("criterion"), right("best random")], rows, { id: "designs-table" }));
+  const columns = [
+    ["design", (one) => h("a", { href: address({ view: "design", robot: robot.id, design: one.id }) }, one.name ?? `${one.request.kind.replaceAll("_", " ")}, ${one.request.criterion.name.replaceAll("_", " ")}`)],
+    ["date", (one) => moment(one.created_at)],
+    ["state", (one) => h("span", { class: `mark ${one.status}` }, one.status)],
+    figures("criterion", (one) => one.result?.criterion_values.criterion ?? null, (value) => number(value)),
+    figures("best random", (one) => one.result?.baseline_values?.criterion ?? null, (value) => number(value)),
+  ];
+  return h("section", { "aria-label": "Designs" }, h("h2", {}, "Designs that are there"), listed("Designs of this robot", columns, items, { id: "designs-table" }));
 }
 
 async function onePage(target, id, signal) {
@@ -59,13 +54,11 @@ async function onePage(target, id, signal) {
   document.title = `${title}: dynident`;
   const body = h("div");
   const course = descent(first.job_id, signal);
-  const bar = progressBar(first.job_id, "Designing");
   put(target, h("p", {}, h("a", { href: address({ view: "design", robot: robot.id }) }, "← All designs of this robot")), h("h1", {}, title),
     h("p", { class: "note" }, `${robot.name}; ${moment(first.created_at)}`), body, course.element, again(robot, first));
   try {
-    if (first.status !== "succeeded") put(body, bar.element);
-    const design = first.status === "succeeded" ? first : await computed("/designs", first, bar.update, signal);
-    if (design !== first) announce("The design is there");
+    const design = await awaited("/designs", first, "Designing", body, signal);
+    if (first.status !== "succeeded") announce("The design is there");
     course.end(design.result);
     await designResult(body, design, robot, signal);
   } catch (error) {

@@ -1,11 +1,9 @@
 // A design that is found: its worth, its motion with the arm, what it promises, and what to do with it.
 
-import { file, get } from "../api.js";
-import { announce, h, numeric, put, right, row, table } from "../dom.js";
-import { grouped, number, percent, quantity } from "../format.js";
-import { positionUnit } from "../format.js";
-import { problemBox } from "../problem.js";
-import { formatLinks, save } from "../saving.js";
+import { get } from "../api.js";
+import { figures, h, listed, part, put, tiles } from "../dom.js";
+import { grouped, number, percent, positionUnit, quantity } from "../format.js";
+import { formatLinks } from "../saving.js";
 import { choicesOfQuery } from "../schema.js";
 import { motionCurves } from "./curves.js";
 import { virtualRobot } from "./virtual.js";
@@ -17,21 +15,21 @@ const SAME = 0.01; // share by which criteria differ that are as good as each ot
 export async function designResult(target, design, robot, signal) {
   const { result } = design;
   const formats = await choicesOfQuery("/v1/designs/{design_id}/trajectory", "format");
-  const motion = h("section", { "aria-label": "The motion" }, h("h2", {}, "The motion"), h("p", { class: "note" }, "Loading …"));
+  const motion = part("The motion", h("p", { class: "note" }, "Loading …"));
   put(target, worth(result), take(design, formats), virtualRobot(design, robot, signal), motion, promises(result), margins(result, robot));
   await showMotion(motion, design, robot, signal);
 }
 
 function worth({ criterion_values: own, baseline_values: random, duration, n_samples: samples, sampling_rate: rate, notes }) {
   const better = random?.criterion && own.criterion ? `${besides(random.criterion / own.criterion)} the best of ${random.count} random motions` : "";
-  const tiles = [
+  const all = [
     ["criterion", number(own.criterion), better || "smaller is better", "design-criterion"],
     ["best random motion", number(random?.criterion), random ? `median condition number ${number(random.median_condition_number)}` : "none was asked for"],
     ["condition number of W", number(own.condition_number), "smaller is better"],
     ["duration", quantity(duration, "s"), `${grouped(samples)} samples at ${quantity(rate, "Hz")}`],
   ];
   return h("section", { "aria-label": "What the design is worth" },
-    h("dl", { class: "tiles" }, tiles.map(([name, value, more, id]) => h("div", {}, h("dt", {}, name), h("dd", { class: "value", id: id ?? null }, value), h("dd", { class: "note" }, more)))),
+    tiles(all),
     notes.length ? h("details", {}, h("summary", {}, `What to know of it (${notes.length})`), h("ul", {}, notes.map((one) => h("li", {}, one)))) : null);
 }
 
@@ -43,18 +41,8 @@ function besides(ratio) {
 
 function take(design, formats) {
   const said = h("div");
-  const links = formatLinks(formats, (format) => `/v1/designs/${design.id}/trajectory?format=${format}`, (path) => saveTrajectory(path, said));
-  return h("section", { "aria-label": "For the controller" }, h("h2", {}, "For the controller"), h("p", { class: "actions" }, links), h("p", { class: "note" }, "Run it, record positions and torques or currents, then add the recording under New model."), said);
-}
-
-async function saveTrajectory(path, said) {
-  try {
-    const { content, name } = await file(path);
-    save(content, name);
-    announce(`${name} is saved`);
-  } catch (error) {
-    put(said, problemBox(error));
-  }
+  const links = formatLinks(formats, (format) => `/v1/designs/${design.id}/trajectory?format=${format}`, said);
+  return part("For the controller", h("p", { class: "actions" }, links), h("p", { class: "note" }, "Run it, record positions and torques or currents, then add the recording under New model."), said);
 }
 
 async function showMotion(section, design, robot, signal) {
@@ -67,29 +55,42 @@ async function showMotion(section, design, robot, signal) {
   const curves = motionCurves(motion, design.result, units, (time) => moved(time), signal);
   put(section, h("h2", {}, "The motion"), h("div", { class: "two" }, place, curves.element));
   curves.show();
-  const mounted = await arm.mountArm(place, { robotId: robot.id, times: motion.t, positions: motion.q, surroundings: design.request.surroundings, onTime: curves.mark, signal });
+  const mounted = await arm.mountArm(place, { robotId: robot.id, times: motion.t, positions: motion.q, floor: design.request.surroundings?.floor, onTime: curves.mark, signal });
   moved = (time) => {
     mounted.show(time);
     curves.mark(time);
   };
   curves.mark(motion.t[0]);
   const [{ clearancesOf }, found] = await Promise.all([import("../arm/clearances.js"), get(`/designs/${design.id}/clearances`, {}, signal)]);
+  mounted.surround(found);
   if (found.links.length) mounted.keepClear(clearancesOf(found));
 }
 
 function promises({ expected_parameters: expected }) {
   if (!expected.length) return null;
   const stated = expected.some((one) => one.standard_deviation !== null);
-  const rows = expected.map((one) => row([h("code", {}, one.name), one.link, one.effect.replaceAll("_", " "), numeric(quantity(one.standard_deviation, one.unit), one.standard_deviation), numeric(percent(one.share), one.share)]));
-  return h("section", { "aria-label": "What it promises" }, h("h2", {}, "What it promises"),
+  const columns = [
+    ["parameter", (one) => h("code", {}, one.name)],
+    ["link", (one) => one.link],
+    ["effect", (one) => one.effect.replaceAll("_", " ")],
+    figures("standard deviation", (one) => one.standard_deviation, (value, one) => quantity(value, one.unit)),
+    figures("left beside all others", (one) => one.share, (value) => percent(value)),
+  ];
+  return part("What it promises",
     stated ? null : h("p", { class: "note" }, "Standard deviations need the noise of each joint's torque: state it in the table of limits and design once more."),
-    table("Parameters as this motion will determine them", ["parameter", "link", "effect", right("standard deviation"), right("left beside all others")], rows, { id: "promises" }));
+    listed("Parameters as this motion will determine them", columns, expected, { id: "promises" }));
 }
 
 function margins({ margins: found }, robot) {
-  const rows = found.map((one) => row([one.joint, one.limit.replaceAll("_", " "), numeric(quantity(one.value, unitOf(one, robot)), one.value), numeric(quantity(one.bound, unitOf(one, robot)), one.bound), numeric(percent(one.share), one.share)]));
+  const columns = [
+    ["where", (one) => one.joint],
+    ["limit", (one) => one.limit.replaceAll("_", " ")],
+    figures("extreme", (one) => one.value, (value, one) => quantity(value, unitOf(one, robot))),
+    figures("bound", (one) => one.bound, (value, one) => quantity(value, unitOf(one, robot))),
+    figures("of the room", (one) => one.share, (value) => percent(value)),
+  ];
   return h("details", { id: "margins" }, h("summary", {}, `How near it comes to its limits and to itself (${found.length})`),
-    table("Extremes of the motion beside their limits", ["where", "limit", right("extreme"), right("bound"), right("of the room")], rows));
+    listed("Extremes of the motion beside their limits", columns, found));
 }
 
 function unitOf({ joint, limit }, robot) {

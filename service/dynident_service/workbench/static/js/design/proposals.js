@@ -13,6 +13,12 @@ export async function proposalOf(diagnosisId, signal) {
   return result?.next_experiment ?? null;
 }
 
+/** What is to be done next, and why. */
+export function nextBox(title, next, ...more) {
+  return h("div", { class: "box" }, h("p", {}, h("strong", {}, `${title}. `), next.reason),
+    next.instructions?.length ? h("ol", {}, next.instructions.map((step) => h("li", {}, step))) : null, more);
+}
+
 /** Links to the experiments that the newest diagnoses of a robot's models propose. */
 export async function proposals(robot, signal) {
   const { items } = await get("/diagnoses", { limit: LATEST }, signal);

@@ -1,10 +1,10 @@
 // A virtual robot makes the motion of a design; its recording goes straight to an identification.
 
 import { post } from "../api.js";
-import { h, put } from "../dom.js";
-import { computed, progressBar } from "../jobs.js";
+import { h, part, put } from "../dom.js";
+import { awaited } from "../jobs.js";
 import { go } from "../location.js";
-import { problemBox } from "../problem.js";
+import { pressed, problemBox } from "../problem.js";
 
 /** A button that simulates a design, and a random motion to hold out, and identifies from them. */
 export function virtualRobot(design, robot, signal) {
@@ -16,27 +16,19 @@ export function virtualRobot(design, robot, signal) {
 
   async function simulated(body, words) {
     const made = await post("/simulations", { robot_id: robot.id, ...body }, { signal });
-    const bar = progressBar(made.job_id, words);
-    put(said, bar.element);
-    return (await computed("/simulations", made, bar.update, signal)).result.measurement_id;
+    return (await awaited("/simulations", made, words, said, signal)).result.measurement_id;
   }
 
-  async function run() {
-    button.disabled = true;
-    try {
-      const name = design.name ?? "design";
-      const fit = await simulated({ design_id: design.id, role: "identification", name: `${name}, simulated` }, "Simulating the design");
-      const held = await simulated({ trajectory: { duration: 10 }, seed: 1, role: "validation", name: "random motion, simulated" }, "Simulating a random motion");
-      // Without effects of its own the design was for those that an identification has by itself.
-      const effects = design.request.effects ? { effects: design.request.effects } : {};
-      const made = await post("/identifications", { robot_id: robot.id, name: `${name}, virtual robot`, measurement_ids: [fit], validation_ids: [held], ...effects });
-      dispatchEvent(new Event("models-changed"));
-      go({ identification: made.id });
-    } catch (error) {
-      if (!signal.aborted) put(said, problemBox(error));
-      button.disabled = false;
-    }
-  }
+  const run = () => pressed(button, async () => {
+    const name = design.name ?? "design";
+    const fit = await simulated({ design_id: design.id, role: "identification", name: `${name}, simulated` }, "Simulating the design");
+    const held = await simulated({ trajectory: { duration: 10 }, seed: 1, role: "validation", name: "random motion, simulated" }, "Simulating a random motion");
+    // Without effects of its own the design was for those that an identification has by itself.
+    const effects = design.request.effects ? { effects: design.request.effects } : {};
+    const made = await post("/identifications", { robot_id: robot.id, name: `${name}, virtual robot`, measurement_ids: [fit], validation_ids: [held], ...effects });
+    dispatchEvent(new Event("models-changed"));
+    go({ identification: made.id });
+  }, (error) => put(said, problemBox(error)), signal);
 
-  return h("section", { "aria-label": "On a virtual robot" }, h("h2", {}, "On a virtual robot"), h("p", { class: "actions" }, button, h("span", { class: "note" }, about)), said);
+  return part("On a virtual robot", h("p", { class: "actions" }, button, h("span", { class: "note" }, about)), said);
 }

@@ -5,7 +5,8 @@ import { h, put } from "../dom.js";
 import { moment, number, percent } from "../format.js";
 import { cancel, ENDED, onJobs } from "../jobs.js";
 import { address } from "../location.js";
-import { problemBox } from "../problem.js";
+import { orSay, problemBox } from "../problem.js";
+import { dateColumn, figureColumn, plainColumn } from "./columns.js";
 import { readAll } from "./reading.js";
 import { sortable } from "./sortable.js";
 
@@ -18,9 +19,9 @@ export async function page(target, _, signal) {
     { id: "kind", name: "job", value: (one) => one.kind, cell: (one) => of(one) },
     { id: "state", name: "state", value: (one) => one.state, cell: (one) => h("span", { class: `mark ${one.state}` }, one.state) },
     { id: "progress", name: "progress", value: (one) => one.progress.fraction, text: () => "", cell: (one) => progress(one) },
-    { id: "message", name: "last said", value: (one) => wordsOf(one), cell: (one) => wordsOf(one) },
-    { id: "date", name: "asked for", value: (one) => one.created_at, text: (one) => moment(one.created_at), cell: (one) => moment(one.created_at) },
-    { id: "took", name: "took", right: true, value: (one) => seconds(one), text: () => "", cell: (one) => (seconds(one) === null ? "–" : `${number(seconds(one), 2)} s`) },
+    plainColumn("message", "last said", wordsOf),
+    dateColumn("asked for"),
+    figureColumn("took", "took", seconds, (value) => (value === null ? "–" : `${number(value, 2)} s`)),
     { id: "acts", name: "", cell: (one) => [h("button", { type: "button", class: "small", "aria-label": `Log of ${one.kind} ${one.id}`, onclick: (event) => log(one, event.target) }, "Log"), " ", ENDED.has(one.state) ? null : h("button", { type: "button", class: "small", "aria-label": `Cancel ${one.kind} ${one.id}`, onclick: (event) => stop(one, event.target) }, "Cancel")] },
   ];
   const list = sortable({ caption: "Jobs", noun: "job", columns, usual: "-date", id: "jobs-table", empty: "No job yet: identifications, diagnoses, designs and reports are listed here once they are asked for.", rowOf: (one) => ({ "data-id": one.id }) });
@@ -42,24 +43,17 @@ export async function page(target, _, signal) {
     const lines = h("ol", {});
     put(place, h("h2", { tabindex: "-1" }, `Log of ${job.kind.replaceAll("_", " ")}, ${moment(job.created_at)}`), job.error ? problemBox({ title: job.error.title, message: job.error.detail, fields: job.error.errors }) : null, lines);
     place.firstChild.focus();
-    try {
+    await orSay(said, async () => {
       for await (const event of events(job.id, signal)) {
         if (!lines.isConnected) return;
         lines.append(h("li", {}, event.kind === "state" ? h("strong", {}, event.state) : `${percent(event.fraction, 2)} ${event.message}`));
       }
-    } catch (error) {
-      if (!signal.aborted) put(said, problemBox(error));
-    }
+    }, signal);
   }
 
   let reading = null;
   const read = () => {
-    reading ??= readAll("/jobs", {}, (items) => list.update([...items]), signal).catch((error) => {
-      if (!signal.aborted) put(said, problemBox(error, read));
-      return [];
-    }).finally(() => {
-      reading = null;
-    });
+    reading ??= orSay(said, () => readAll("/jobs", {}, (items) => list.update([...items]), signal), signal, read).finally(() => { reading = null; });
     return reading;
   };
   // A table that is drawn anew takes the focus away: not under somebody's hand.
@@ -67,9 +61,10 @@ export async function page(target, _, signal) {
   let waiting = null;
   const again = async () => {
     waiting = null;
-    const jobs = held() ? null : await read();
+    const isHeld = held();
+    const jobs = isHeld ? [] : ((await read()) ?? []);
     if (signal.aborted || waiting) return;
-    if (!jobs || jobs.some((one) => !ENDED.has(one.state))) waiting = setTimeout(again, LOOK_AGAIN);
+    if (isHeld || jobs.some((one) => !ENDED.has(one.state))) waiting = setTimeout(again, LOOK_AGAIN);
   };
   onJobs(() => {
     clearTimeout(waiting);

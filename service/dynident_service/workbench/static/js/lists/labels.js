@@ -10,7 +10,7 @@ const PATHS = { comparison: "comparisons", diagnosis: "diagnoses", validation: "
 const [MADE_BY_THE_PAGE, MADE_OF_IT] = [new Set(["comparison"]), new Set(Object.keys(PATHS))];
 
 /** The dialog that changes a resource at `path`; `done(resource)` is given it as it is now, null once it is deleted. */
-export function openLabels(path, resource, done) {
+function openLabels(path, resource, done) {
   const name = h("input", { name: "name", value: resource.name ?? "", maxlength: 200 });
   const tags = h("input", { name: "tags", value: resource.tags.join(", "), autocomplete: "off" });
   const said = h("div");
@@ -50,9 +50,7 @@ export function openLabels(path, resource, done) {
       put(said, problemBox(error), error.status === 409 ? wayOut(error, () => eraseWith(MADE_OF_IT)) : null);
     }
   };
-  const form = h(
-    "form",
-    { onsubmit: save },
+  const form = h("form", { onsubmit: save },
     h("h2", {}, "Name and tags"),
     h("div", { class: "fields" }, field("Name", name, { pointer: "/name" }), field("Tags", tags, { pointer: "/tags", hint: "Separated by commas" })),
     said,

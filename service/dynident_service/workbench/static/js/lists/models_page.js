@@ -3,10 +3,10 @@
 import { get } from "../api.js";
 import { catalogue, titleOf } from "../catalogue.js";
 import { h } from "../dom.js";
-import { moment, percent } from "../format.js";
+import { percent } from "../format.js";
 import { MODEL_JOBS } from "../jobs.js";
 import { address, go } from "../location.js";
-import { labelsButton, tagChips } from "./labels.js";
+import { dateColumn, figureColumn, labelColumns, plainColumn } from "./columns.js";
 import { pairSection } from "./pair.js";
 import { robotNames } from "./reading.js";
 import { resourcesPage } from "./resources.js";
@@ -32,18 +32,21 @@ export async function page(target, wanted, signal) {
     ticked.delete(before.id);
     dispatchEvent(new Event("models-changed"));
   };
-  const columns = (changed, table) => [
-    { id: "tick", name: "two", control: true, cell: (one) => h("input", { type: "checkbox", "aria-label": `Compare ${nameOf(one, robots)}`, checked: ticked.has(one.id), disabled: !one.result, onchange: (event) => tick(one, event.target) }) },
-    { id: "name", name: "name", value: (one) => nameOf(one, robots), cell: (one) => h("a", { href: address({ identification: one.id }) }, nameOf(one, robots)) },
-    { id: "robot", name: "robot", value: (one) => robots.get(one.robot_id) ?? "", cell: (one) => robots.get(one.robot_id) ?? "" },
-    { id: "date", name: "date", value: (one) => one.created_at, text: (one) => moment(one.created_at), cell: (one) => h("time", { datetime: one.created_at }, moment(one.created_at)) },
-    { id: "effects", name: "effects", value: (one) => effectsOf(one, effects), cell: (one) => effectsOf(one, effects) },
-    { id: "error", name: "held-out error", right: true, value: (one) => one.result?.validation?.relative_total ?? null, text: () => "", cell: (one) => errorOf(one) },
-    { id: "fit", name: "error of the fit", right: true, value: (one) => one.result?.residual.relative_total ?? null, text: () => "", cell: (one) => percent(one.result?.residual.relative_total) },
-    { id: "tags", name: "tags", value: (one) => one.tags.join(" "), cell: (one) => tagChips(one) },
-    { id: "verdict", name: "verdict", value: (one) => verdicts.get(one.id)?.words ?? "", cell: (one) => verdictOf(one, table) },
-    { id: "change", name: "", cell: (one) => labelsButton(`/identifications/${one.id}`, one, changed(one)) },
-  ];
+  const columns = (changed, table) => {
+    const [tags, change] = labelColumns("/identifications", changed);
+    return [
+      { id: "tick", name: "two", control: true, cell: (one) => h("input", { type: "checkbox", "aria-label": `Compare ${nameOf(one, robots)}`, checked: ticked.has(one.id), disabled: !one.result, onchange: (event) => tick(one, event.target) }) },
+      { id: "name", name: "name", value: (one) => nameOf(one, robots), cell: (one) => h("a", { href: address({ identification: one.id }) }, nameOf(one, robots)) },
+      plainColumn("robot", "robot", (one) => robots.get(one.robot_id) ?? ""),
+      dateColumn(),
+      plainColumn("effects", "effects", (one) => effectsOf(one, effects)),
+      { id: "error", name: "held-out error", right: true, value: (one) => one.result?.validation?.relative_total ?? null, text: () => "", cell: (one) => errorOf(one) },
+      figureColumn("fit", "error of the fit", (one) => one.result?.residual.relative_total ?? null, percent),
+      tags,
+      { id: "verdict", name: "verdict", value: (one) => verdicts.get(one.id)?.words ?? "", cell: (one) => verdictOf(one, table) },
+      change,
+    ];
+  };
 
   function verdictOf(model, table) {
     if (!model.result) return h("span", { class: `mark ${model.status}` }, model.status);

@@ -2,7 +2,7 @@
 
 import { get } from "../api.js";
 import { catalogue, choiceInWords } from "../catalogue.js";
-import { h, numeric, put, right, row, table } from "../dom.js";
+import { h, numeric, part, put, right, row, table } from "../dom.js";
 import { exportLinks } from "../exports.js";
 import { interval, moment, number, percent, quantity } from "../format.js";
 import { address } from "../location.js";
@@ -93,8 +93,4 @@ function exported(models, names, ways) {
 
 function differs(yes) {
   return yes ? { class: "chosen", "data-differs": "yes" } : {};
-}
-
-function part(title, ...body) {
-  return h("section", { "aria-label": title }, h("h2", {}, title), body);
 }

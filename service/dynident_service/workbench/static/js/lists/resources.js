@@ -3,7 +3,7 @@
 import { h, put } from "../dom.js";
 import { onJobs } from "../jobs.js";
 import { address, remember } from "../location.js";
-import { problemBox } from "../problem.js";
+import { orSay, problemBox } from "../problem.js";
 import { archivedBox } from "./labels.js";
 import { readAll } from "./reading.js";
 import { sortable } from "./sortable.js";
@@ -23,16 +23,11 @@ export async function resourcesPage(target, { title, caption = title, path, quer
   };
   const table = { show: () => list.show(), fail: (error) => put(said, problemBox(error)) };
   const list = sortable({ caption, noun, columns: columns(changed, table), usual: "-date", id, empty, rowOf: (one) => ({ "data-id": one.id }) });
-  const read = async () => {
-    try {
-      await readAll(path, { ...query, archived: state.archived || null }, (items) => {
-        state.items = [...items];
-        list.update(state.items);
-      }, signal);
-    } catch (error) {
-      if (!signal.aborted) put(said, problemBox(error, read));
-    }
+  const show = (items) => {
+    state.items = [...items];
+    list.update(state.items);
   };
+  const read = () => orSay(said, () => readAll(path, { ...query, archived: state.archived || null }, show, signal), signal, read);
   const withArchived = (all) => {
     state.archived = all;
     remember({ archived: all ? "yes" : "" });

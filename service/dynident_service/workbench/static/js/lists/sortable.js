@@ -45,9 +45,7 @@ export function sortable({ caption, noun, columns, usual, empty, id, rowOf = () 
     put(body, shown.length ? shown.map((item) => rowElement(columns, item, rowOf(item))) : h("tr", {}, h("td", { colspan: columns.length }, state.items.length ? "Nothing has all of these words: shorten the filter." : empty)));
   }
 
-  const element = h(
-    "div",
-    { id },
+  const element = h("div", { id },
     h("div", { class: "bar-of-fields" }, field("Filter", search), count),
     h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": caption },
       h("table", {}, h("caption", { class: "unseen" }, caption), h("thead", {}, h("tr", {}, [...heads.values()])), body)),

@@ -84,9 +84,7 @@ export class ColumnsTable extends EventTarget {
     const option = (value, text = signalInWords(value, this.joints)) => h("option", { value, selected: value === ours }, text);
     const groups = this.joints.map((joint, index) => h("optgroup", { label: joint }, KINDS.map((kind) => option(`${kind}${index + 1}`))));
     const known = new Set(["", "t", "segment", ...WRENCH, ...this.joints.flatMap((_, index) => KINDS.map((kind) => `${kind}${index + 1}`))]);
-    return h(
-      "select",
-      { "data-column": theirs, "aria-label": `What ${theirs} is`, onchange: (event) => this.#choose(theirs, event.target.value) },
+    return h("select", { "data-column": theirs, "aria-label": `What ${theirs} is`, onchange: (event) => this.#choose(theirs, event.target.value) },
       option("", "not used"),
       option("t", "time"),
       known.has(ours) ? null : option(ours),

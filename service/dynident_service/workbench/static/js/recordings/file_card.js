@@ -4,6 +4,7 @@ import { ask, post, upload } from "../api.js";
 import { checksInWords, checksTable } from "../checks.js";
 import { announce, field, h, put, select } from "../dom.js";
 import { number, percent } from "../format.js";
+import { givenUp } from "../jobs.js";
 import { address } from "../location.js";
 import { clearForm, problemBox, showInForm } from "../problem.js";
 import { choicesOf } from "../schema.js";
@@ -24,18 +25,13 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
   const doing = h("div");
   const accepted = new Set();
   let edits = {};
-  let running = new AbortController();
+  let running = null; // what is sent and not yet answered
   const submit = h("button", { class: "main", disabled: true }, "Confirm and store");
 
   const work = (words) => {
-    running.abort();
-    running = new AbortController();
-    const mine = running;
-    const bar = h("progress", { max: 1, "aria-label": words });
-    const how = h("span", { class: "note" });
-    const stop = h("button", { type: "button", class: "small", onclick: () => mine.abort() }, "Cancel");
-    put(doing, h("div", { class: "progress" }, h("span", {}, words), bar, how, stop));
-    return { signal: mine.signal, move: (share) => {
+    running?.stop();
+    const { signal, bar, how } = (running = givenUp(words, doing));
+    return { signal, move: (share) => {
       if (share < 1) bar.value = share;
       else bar.removeAttribute("value");
       put(how, share < 1 ? percent(share, 2) : "looking at it");
@@ -131,7 +127,7 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     onStored(measurement);
   };
   const leave = () => {
-    running.abort();
+    running?.stop();
     form.remove();
     if (found) forget(found);
   };
@@ -145,9 +141,7 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
   const applied = h("p", { class: "note" });
   const size = file ? ` (${number(file.size / 1e6, 2)} MB)` : " (looked at before)";
   put(looked, h("h3", {}, "What it seems to be"), guesses.element, robotsFacts, columns.element, h("p", { class: "note" }, "Choose otherwise where a guess is wrong. Two columns cannot be the same signal: they change places."));
-  const form = h(
-    "form",
-    { class: "card", onsubmit: send },
+  const form = h("form", { class: "card", onsubmit: send },
     h("p", {}, h("strong", {}, nameOfFile()), size),
     fields.element,
     doing,
@@ -177,9 +171,7 @@ function saidFields(called, known, role) {
   load.hidden = role !== "payload";
   const windows = h("input", { name: "windows", placeholder: "all; or 2 to 10, 15 to 30" });
   const delay = h("input", { name: "delay", type: "number", step: "any", placeholder: "0" });
-  const element = h(
-    "div",
-    { class: "fields" },
+  const element = h("div", { class: "fields" },
     field("Name", name, { pointer: "/metadata/name" }),
     field("Role", roles, { pointer: "/metadata/role" }),
     load,

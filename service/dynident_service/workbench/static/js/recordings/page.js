@@ -37,9 +37,7 @@ function header(measurement, robot, parent, revisions) {
     ["stored", moment(measurement.created_at)],
   ];
   if (revisions.length) facts.push(["revisions of it", revisions.map((one, index) => [index ? ", " : "", link(one)])]);
-  return h(
-    "section",
-    { "aria-label": "Recording" },
+  return h("section", { "aria-label": "Recording" },
     h("h1", {}, measurement.name),
     measurement.revision ? revisionBox(measurement, parent, link) : null,
     h("dl", { class: "facts" }, facts.map(([name, value]) => [h("dt", {}, name), h("dd", {}, value)])),
@@ -51,9 +49,7 @@ function revisionBox(measurement, parent, link) {
   const said = h("div");
   const undo = h("button", { type: "button", id: "undo-revision", onclick: () => takeBack(measurement, said) }, "Undo");
   const last = measurement.edits.at(-1);
-  return h(
-    "div",
-    { class: "box good" },
+  return h("div", { class: "box good" },
     h("p", {}, `Revision ${measurement.revision} of `, parent ? link(parent) : "a recording", `: ${editInWords(last, measurement.joints)}.`),
     measurement.edits.length > 1 ? h("details", {}, h("summary", {}, "Everything said since the upload"), h("ol", {}, measurement.edits.map((one) => h("li", {}, editInWords(one, measurement.joints))))) : null,
     parent ? h("p", { class: "actions" }, undo, h("span", { class: "note" }, "takes this revision back; the file and what was said before stay")) : null,

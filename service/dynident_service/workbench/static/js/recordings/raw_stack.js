@@ -4,12 +4,11 @@ import { get, lastAsked } from "../api.js";
 import { armBeside } from "../arm/beside.js";
 import { h, put } from "../dom.js";
 import { grouped, number, quantity } from "../format.js";
-import { asked, remember } from "../location.js";
-import { axis, colour, onColours } from "../plots.js";
-import { problemBox } from "../problem.js";
+import { axis, colour, onColours, timeAxis } from "../plots.js";
+import { orSay } from "../problem.js";
 import { shadeStretches } from "../signals/grounds.js";
 import { redraw, timePlot } from "../signals/time_plot.js";
-import { TimeView, timeButtons, timeGroup } from "../signals/time_view.js";
+import { TimeView, askedStretch, rememberStretch, timeButtons, timeGroup } from "../signals/time_view.js";
 
 const BUCKETS = 300; // stretches of the screen whose extremes are kept
 const HEIGHT = 128;
@@ -33,22 +32,20 @@ export class RawStack {
 
   /** Read the signals, whole and then what the address says of a stretch; and when the joints stand. */
   async show() {
-    const { from, to } = asked();
+    const wanted = askedStretch();
     put(this.said, "Reading the file …");
     const halts = this.#readHalts();
     await this.#read(null);
-    if (from && to && Number(to) > Number(from)) this.view.go({ from: Number(from), to: Number(to) });
+    if (wanted) this.view.go(wanted);
     await halts;
   }
 
   async #readHalts() {
-    try {
+    await orSay(this.trouble, async () => {
       const { joints } = await get(`/measurements/${this.measurement.id}/standstills`, {}, this.signal);
       this.halts = Object.fromEntries(joints.map((one) => [one.joint, one.standing]));
       for (const { plot } of this.plots) plot.redraw(false, true);
-    } catch (error) {
-      if (!this.signal.aborted) put(this.trouble, problemBox(error));
-    }
+    }, this.signal);
   }
 
   async #read(stretch) {
@@ -56,19 +53,16 @@ export class RawStack {
     if (!stretch && this.full) return this.#fill(this.full);
     const signals = this.joints.flatMap((joint) => [`q_${joint}`, `tau_${joint}`]);
     const query = { signals: signals.join(","), points: 2 * BUCKETS * signals.length, ...(stretch ?? {}) };
-    try {
+    return orSay(this.trouble, async () => {
       const found = ordered(await get(`/measurements/${this.measurement.id}/raw`, query, until));
-      if (until.aborted) return null;
+      if (until.aborted) return;
       put(this.trouble);
       if (!stretch) {
         this.full = found;
         this.view.setWhole(found.t[0] ?? 0, found.t.at(-1) ?? 1);
       }
       this.#fill(found);
-    } catch (error) {
-      if (!until.aborted) put(this.trouble, problemBox(error, () => this.#read(stretch)));
-    }
-    return null;
+    }, until, () => this.#read(stretch));
   }
 
   /** Where the joints were, in rad or m. */
@@ -80,8 +74,7 @@ export class RawStack {
 
   #settled() {
     const { stretch } = this.view;
-    const seconds = (value) => String(Number(value.toFixed(4)));
-    remember({ from: stretch ? seconds(stretch.from) : "", to: stretch ? seconds(stretch.to) : "" });
+    rememberStretch(stretch);
     this.#read(stretch);
   }
 
@@ -113,7 +106,7 @@ export class RawStack {
     const target = h("div", { class: "chart" });
     const element = h("div", { class: "joint-row", "data-joint": joint }, h("p", { class: "chart-title" }, joint, " ", values), target);
     const line = (label, stroke, scale) => ({ label, stroke, scale, width: 1.2, points: { show: false }, spanGaps: false });
-    const x = last ? axis("time (s)", 2) : { ...axis("", 2), label: null, values: (_, splits) => splits.map(() => ""), size: 6 };
+    const x = timeAxis(last ? "time (s)" : "");
     const read = (one) => {
       const at = one.cursor.idx;
       const { t, signals } = this.found;

@@ -2,16 +2,15 @@
 
 import { ask, get, post } from "../api.js";
 import { announce, h, put } from "../dom.js";
+import { givenUp } from "../jobs.js";
 import { go } from "../location.js";
 import { problemBox } from "../problem.js";
 
 /** Ask for a revision and go to it; how it stands is shown in `target`, and what was chosen stays if it fails. */
 export async function revise(measurement, edit, target) {
-  const given = new AbortController();
-  const stop = h("button", { type: "button", class: "small", onclick: () => given.abort() }, "Cancel");
-  put(target, h("div", { class: "progress" }, h("span", {}, "Checking the file anew"), h("progress", { "aria-label": "Checking the file anew" }), stop));
+  const { signal } = givenUp("Checking the file anew", target);
   try {
-    const made = await post(`/measurements/${measurement.id}/revisions`, edit, { signal: given.signal });
+    const made = await post(`/measurements/${measurement.id}/revisions`, edit, { signal });
     announce(`${made.name} is stored`);
     go({ view: "recording", measurement: made.id });
   } catch (error) {

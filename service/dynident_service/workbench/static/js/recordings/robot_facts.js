@@ -1,7 +1,7 @@
 // What a recording needs to know of the robot and its description does not say: drive gains, locked joints, gravity.
 
 import { post } from "../api.js";
-import { announce, h, put, row, table } from "../dom.js";
+import { announce, h, row, table } from "../dom.js";
 import { clearForm, showInForm } from "../problem.js";
 
 const AXES = ["x", "y", "z"];
@@ -52,8 +52,12 @@ export function factsIn(element) {
 /** Drive gains that turn currents into torques; `onRobot` is given a robot that has them. */
 export function drivesOf(robot, onRobot) {
   const body = h("div", {}, gainFields(robot.joints));
-  const request = () => ({ ...robot.request, meshes_of: robot.id, name: named(robot, "with drive gains"), drives: merged(robot.request.drives, factsIn(body).drives) });
-  return robotWith(body, request, "Make a robot with these drive gains", onRobot);
+  return robotWith(body, () => withDrives(robot, "with drive gains", factsIn(body).drives), "Make a robot with these drive gains", onRobot);
+}
+
+/** The request of a robot with other drive gains. */
+export function withDrives({ id, name, request }, suffix, drives) {
+  return { ...request, meshes_of: id, name: `${name} ${suffix}`.slice(0, 200), drives: merged(request.drives, drives) };
 }
 
 /** Locked joints and gravity; `onRobot` is given a robot that is so. */
@@ -65,13 +69,13 @@ export function placesOf(robot, onRobot) {
   const body = h("div", {}, placeFields(joints.map((one) => ({ ...one, locked: locked[one.name] })), request.gravity));
   const wanted = () => {
     const { locked_joints, gravity } = factsIn(body);
-    return { ...request, meshes_of: robot.id, name: named(robot, "as it is mounted"), locked_joints, gravity };
+    return { ...withDrives(robot, "as it is mounted", {}), locked_joints, gravity };
   };
   return robotWith(body, wanted, "Make a robot that is so", onRobot);
 }
 
 /** The fields with a button that makes a robot; not a form, for it may stand in one. */
-function robotWith(body, request, text, onRobot) {
+export function robotWith(body, request, text, onRobot) {
   const said = h("div");
   const send = async () => {
     clearForm(element, said);
@@ -89,10 +93,6 @@ function robotWith(body, request, text, onRobot) {
   };
   const element = h("div", { onkeydown: entered }, body, said, h("p", { class: "actions" }, h("button", { type: "button", onclick: send }, text), h("span", { class: "note" }, "Stored recordings keep the robot that they were read with.")));
   return element;
-}
-
-function named(robot, suffix) {
-  return `${robot.name} ${suffix}`.slice(0, 200);
 }
 
 function merged(before, now) {

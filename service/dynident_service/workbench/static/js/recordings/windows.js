@@ -2,7 +2,7 @@
 
 import { h, put, row, select, table } from "../dom.js";
 import { colour } from "../plots.js";
-import { timeAt } from "../signals/time_plot.js";
+import { timeAt, whileHeld } from "../signals/time_plot.js";
 import { shadeStretches } from "../signals/grounds.js";
 import { stretchesInWords } from "./edits.js";
 
@@ -77,10 +77,8 @@ export class Windows extends EventTarget {
     one.over.addEventListener("pointerdown", (event) => {
       const held = event.button === 0 && near(event);
       if (!held) return;
-      const ended = new AbortController();
       let end = held;
-      addEventListener("pointermove", (moved) => { end = this.#move(end, timeAt(one, moved)); }, { signal: ended.signal });
-      for (const over of ["pointerup", "pointercancel"]) addEventListener(over, () => ended.abort(), { signal: ended.signal });
+      whileHeld((moved) => { end = this.#move(end, timeAt(one, moved)); });
     }, { signal });
     return (event) => Boolean(near(event));
   }

@@ -72,16 +72,20 @@ function turned(event, one, view) {
   else view.scale(BY_A_NOTCH ** Math.max(-4, Math.min(4, by / NOTCH)), timeAt(one, event));
 }
 
+/** Tell `move` of every place that the pointer comes to until it is let go. */
+export function whileHeld(move) {
+  const ended = new AbortController();
+  addEventListener("pointermove", move, { signal: ended.signal });
+  for (const end of ["pointerup", "pointercancel"]) addEventListener(end, () => ended.abort(), { signal: ended.signal });
+}
+
 function drag(event, one, view) {
   const { from, to } = view.range;
   const start = event.clientX;
   const width = one.over.clientWidth;
-  const ended = new AbortController();
-  const move = (moved) => {
+  whileHeld((moved) => {
     const step = ((start - moved.clientX) / width) * (to - from);
     const first = Math.min(Math.max(from + step, view.whole.from), view.whole.to - (to - from));
     view.go({ from: first, to: first + to - from });
-  };
-  addEventListener("pointermove", move, { signal: ended.signal });
-  for (const end of ["pointerup", "pointercancel"]) addEventListener(end, () => ended.abort(), { signal: ended.signal });
+  });
 }

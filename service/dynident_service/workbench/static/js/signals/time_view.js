@@ -1,6 +1,7 @@
 // The stretch of time that linked figures show, and every way to change it: buttons, keys, wheel, dragging.
 
 import { h } from "../dom.js";
+import { asked, remember } from "../location.js";
 
 const SHORTEST = 1e-3;
 const SETTLED = 120;
@@ -75,12 +76,22 @@ export class TimeView extends EventTarget {
   }
 }
 
+/** The stretch that the address asks for; null where it asks for none. */
+export function askedStretch() {
+  const [from, to] = [asked().from, asked().to];
+  return from && to && Number(to) > Number(from) ? { from: Number(from), to: Number(to) } : null;
+}
+
+/** Have the address ask for a stretch. */
+export function rememberStretch(stretch) {
+  const seconds = (value) => String(Number(value.toFixed(4)));
+  remember({ from: stretch ? seconds(stretch.from) : "", to: stretch ? seconds(stretch.to) : "" });
+}
+
 /** Buttons for those who have no wheel. */
 export function timeButtons(view) {
   const button = (text, act) => h("button", { type: "button", class: "small", onclick: act }, text);
-  return h(
-    "p",
-    { class: "actions" },
+  return h("p", { class: "actions" },
     button("Whole recording", () => view.go(null)),
     button("Zoom in", () => view.scale(0.5)),
     button("Zoom out", () => view.scale(2)),
