@@ -58,7 +58,7 @@ def draw(folder: Path) -> dict[str, str]:
     found = inputs.stored_diagnosis(folder / "diagnosis.json")
     robot = first.model.robot
     joint = robot.joint_names.index(JOINT)
-    reading = Reading(accept=["joint_motion"])
+    reading = Reading()
     files = [folder / name for name in ("run1.csv", "run2.csv")]
     with inputs.loaded(files, robot, reading, silent, [folder / "validation.csv"]) as (given, tried):
         run1, run2 = inputs.recordings_of(given)

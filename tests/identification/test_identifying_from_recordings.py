@@ -412,3 +412,25 @@ def test_temperature_dependent_friction_is_found_where_temperature_was_recorded(
     named = {parameter.name: parameter for parameter in found.parameters}
     for name, value in (("Fvt2", -0.4), ("Fct2", 0.2)):
         assert named[name].value == pytest.approx(value, abs=max(0.03, 3 * named[name].standard_deviation))
+
+
+def resting_joint(joint: int, seed: int) -> Motion:
+    """A motion in which one joint rests."""
+    moves = fourier_motion(ROBOT, 12.0, RATE, seed)
+    rests = [signal.copy() for signal in (moves.q, moves.dq, moves.ddq)]
+    rests[0][:, joint], rests[1][:, joint], rests[2][:, joint] = 0.4, 0.0, 0.0
+    return replace(moves, q=rests[0], dq=rests[1], ddq=rests[2])
+
+
+def test_a_joint_that_never_moved_is_named_with_what_cannot_be_told_of_it():
+    motion = resting_joint(3, 5)
+    with pytest.raises(EstimationError, match=f"Ia4, Fc4, Fv4 of {ROBOT.joint_names[3]} .a joint that does not move"):
+        identify(ROBOT, [record(ROBOT, motion, noisy(motion, 5))], [], choices(*PLAIN))
+
+
+def test_a_run_in_which_a_joint_rests_makes_what_it_tells_of_the_others_surer(identified):
+    motion = resting_joint(3, 5)
+    both = identify(ROBOT, [TRAINING, record(ROBOT, motion, noisy(motion, 5), "rests")], [VALIDATION], choices())
+    before, after = (np.sqrt(np.diag(one.statistics.covariance)) for one in (identified, both))
+    assert np.median(after / before) < 0.9
+    assert both.held_out.relative_total < 1.02 * identified.held_out.relative_total

@@ -166,18 +166,19 @@ def test_a_recording_in_which_nothing_moves_is_refused(tmp_path):
     assert refused(tmp_path, columns).title == "Standstill"
 
 
-def test_a_joint_that_never_moved_is_named_and_refused_for_identification(tmp_path):
+def test_a_joint_that_never_moved_is_named_and_the_recording_taken(tmp_path):
     columns = changed("q2", lambda q: np.full_like(q, 0.7))
-    error = refused(tmp_path, columns)
-    assert (error.pointer, error.row) == ("q2", 1)
-    assert "elbow" in error.detail
+    check = found(tmp_path, columns, "joint_motion")
+    assert (check.status, check.column, check.row) == ("warning", "q2", 1)
+    assert "elbow never moved" in check.detail
     assert found(tmp_path, columns, "joint_motion", role="validation").status == "warning"
     assert found(tmp_path, columns, "joint_motion", role="friction").status == "ok"
 
 
 def test_what_the_user_accepts_is_a_warning(tmp_path):
-    columns = changed("q2", lambda q: np.full_like(q, 0.7))
-    check = found(tmp_path, columns, "joint_motion", accept=("joint_motion",))
+    columns = changed("tau2", lambda tau: np.full_like(tau, 0.7))
+    assert refused(tmp_path, columns).title == "Constant torque"
+    check = found(tmp_path, columns, "constant_torque", accept=("constant_torque",))
     assert check.status == "warning"
     assert "Accepted" in check.detail
 
@@ -310,10 +311,10 @@ def test_a_short_recording_is_a_warning(tmp_path):
 
 def test_an_error_carries_all_that_was_found(tmp_path):
     columns = motion()
-    columns["q2"] = np.full(3000, 0.7)
+    columns["tau2"] = np.full(3000, 0.7)
     columns["t"] = columns["t"] + np.where(np.arange(3000) > 1000, 1.0, 0.0)
     error = refused(tmp_path, columns)
-    assert {"gaps": "warning", "joint_motion": "error"}.items() <= {c.name: c.status for c in error.checks}.items()
+    assert {"gaps": "warning", "constant_torque": "error"}.items() <= {c.name: c.status for c in error.checks}.items()
 
 
 def test_checks_of_a_long_recording_take_a_few_seconds_at_most(tmp_path):

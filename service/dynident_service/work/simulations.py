@@ -5,8 +5,6 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-import numpy as np
-
 from dynident.excitation import design_experiment
 from dynident.progress import part
 from dynident.recordings import RecordingMetadata
@@ -24,8 +22,6 @@ from dynident_service.storage.records import NewResource, RestsOn
 from dynident_service.work.means import robot_by_id
 
 PARQUET = "application/vnd.apache.parquet"
-_STILL = 1e-6
-"""rad, m: a joint of a reference that goes no farther was told to rest."""
 
 
 def measure_virtual_robot(task: Task) -> Outcome:
@@ -37,7 +33,7 @@ def measure_virtual_robot(task: Task) -> Outcome:
     request = simulation_of(stated, robot, reference, rate)
     found = simulate(robot, request, part(task.progress, 0.3, 0.9))
     name = asked.name or f"simulation {task.subject.id}"
-    told = RecordingMetadata(name, role=asked.role, accept=_wanted_findings(reference))
+    told = RecordingMetadata(name, role=asked.role)
     said = body(MeasurementMetadata, told, robot_id=asked.robot_id)
     with tempfile.TemporaryDirectory() as folder:
         source = write_measurement(found, Path(folder) / "measurement.parquet")
@@ -54,12 +50,6 @@ def measure_virtual_robot(task: Task) -> Outcome:
         )
     result = simulations.describe_simulation(found, request.sensors.sampling_rate)
     return Outcome(plain(result), creates=measurement)
-
-
-def _wanted_findings(reference: Reference) -> tuple[str, ...]:
-    """Checks whose findings the motion itself asks for: a joint that rests in it rests in the measurement."""
-    rests = np.ptp(reference.q, axis=0) < _STILL
-    return ("joint_motion",) if rests.any() else ()
 
 
 def _motion(task: Task, asked: SimulationRequest, robot: Robot, seed: int) -> tuple[Reference, float]:

@@ -164,8 +164,7 @@ def _session(question: Question) -> DesignRequest:
 
 
 _ONE_BY_ONE = (
-    'Joints stand still in it: send the recording with "accept": ["joint_motion"] (on the command line: --accept '
-    "joint_motion), and identify and diagnose from it together with the data at hand. With the role "
+    "Joints stand still in it: identify and diagnose from it together with the data at hand. With the role "
     '"friction" it would be left out of both.',
 )
 

@@ -113,13 +113,13 @@ def _moved(recording: Recording, seen: _Seen, layout: Layout) -> Check:
         return Check("joint_motion", "ok", "Every joint moves.")
     names = ", ".join(recording.joint_names[joint] for joint in resting)
     columns = ", ".join(layout.q[joint].source for joint in resting)
-    whole = recording.role in (None, "identification")
-    status: Status = "error" if whole else "ok" if recording.role == "friction" else "warning"
+    status: Status = "ok" if recording.role == "friction" else "warning"
     detail = (
         f"Joint{'s' if len(resting) > 1 else ''} {names} never moved ({columns} spans less than "
         f"{MOVED['revolute']:g} from row {seen.row[0]}, t = {seen.t[0]:.6g} s, to row {seen.row[-1]}): neither "
-        "friction nor inertia can be told from it. Lock the joint in the robot's description (locked_joints), say "
-        '"role": "friction" for a test of single joints, or record a motion of all joints.'
+        "its friction nor its inertia can be told from this alone. Identify from it together with runs in which the "
+        "joint moves, or lock the joint in the robot's description (locked_joints); a test of single joints has the "
+        'role "friction".'
     )
     return Check("joint_motion", status, detail, layout.q[resting[0]].source, int(seen.row[0]), float(seen.t[0]))
 

@@ -137,8 +137,16 @@ def check_reduction(model: Model, reduction: Reduction, known: Information | Non
     unseen = unseen_parameters(model, reduction, known)
     if unseen:
         raise EstimationError(
-            f"not identifiable from this data: {', '.join(unseen)} (a joint that does not move enough leaves its "
-            "parameters undetermined); lock that joint, leave its effects out, or record a motion of it",
+            f"not identifiable from this data: {_with_their_joints(model, unseen)} (a joint that does not move enough "
+            "leaves its parameters undetermined); lock that joint, leave its effects out, or add a run in which it "
+            "moves",
             pointer="/measurement_ids",
             title="Not identifiable",
         )
+
+
+def _with_their_joints(model: Model, names: Sequence[str]) -> str:
+    """Parameters' names, and the joints that they are of where they are of one or two."""
+    joints = dict.fromkeys(column.link for column in model.kept if column.name in names and column.link)
+    few = f" of {' and '.join(joints)}" if 0 < len(joints) <= 2 else ""
+    return ", ".join(names) + few
