@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.effects import EffectChoice, reference_size
+from dynident.effects import EffectChoice, ReferenceParameters, reference_size
 from dynident.effects.memory import MemoryStates
 from dynident.estimation import EquationFactors, Reduction, Solution, Statistics
 from dynident.identification import Estimate, Identification, IdentificationChoices, identify
@@ -60,7 +60,7 @@ def made_up(
     estimate = Estimate.of(
         model,
         data,
-        rng.uniform(0.2, 1.5, reference_size(robot)),
+        ReferenceParameters.of_vector(rng.uniform(0.2, 1.5, reference_size(robot)), robot),
         Solution(np.asarray(values), np.ones(robot.n), np.eye(count)),
         Statistics(1e-6 * np.eye(count), np.ones(robot.n), np.ones(robot.n), np.full(count, np.inf)),
     )

@@ -147,6 +147,9 @@ def kept_of_a_robot(bench: Bench, robot: Robot) -> None:
     assert sent["size"] == mesh.stat().st_size
     (surface,) = bench.client.robots.geometry(robot)["surfaces"]
     assert len(surface["triangles"]) == 4
+    first, turned = bench.client.robots.poses(robot, [[0.0, 0.0], [0.3, 0.0]])["poses"]
+    assert len(first) == len(turned) == 2
+    assert first != turned
     assert bench.client.robots.label(robot, tags=["tried"])["tags"] == ["tried"]
     assert bench.client.robots.get(robot).joints[0]["name"] == "turn"
 
@@ -198,6 +201,7 @@ def identified(client: Client, robot: Robot, runs: list[Measurement]) -> tuple[R
     assert client.identifications.compare_lineages(back, better)["common_ancestor"] == better.id
     assert client.identifications.essential(better)["essential"]
     assert client.identifications.correlation(better)["parameters"]
+    assert len(client.identifications.tables(better)[0]["rows"]) == len(better.result["parameters"])
     assert client.identifications.verdict(better)["uses"]
     assert json.loads(client.identifications.export(better))["result"]["parameters"]
     for archived in (True, False):

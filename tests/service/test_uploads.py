@@ -163,7 +163,7 @@ def scale(name: str, factor: float) -> Callable[[Columns], None]:
         (spoiled(put("tau1", 500, np.inf)), "tau1", 501),
         (spoiled(put("t", 700, 0.5)), "t", 701),
         (spoiled(scale("tau2", -1.0)), "tau2", None),
-        (spoiled(scale("q1", 0.0)), "q1", None),
+        (spoiled(scale("tau1", 0.0)), "tau1", None),
         (spoiled(lambda columns: columns.pop("tau2")), "tau2", None),
         (b"t,q1,q2,tau1,tau2\n0,0,0,0,0\n0.01,zero,0,0,0\n", "q1", 2),
     ],
