@@ -46,8 +46,8 @@ def installed(name: str, folder: Path, postgresql: Callable[[], str]) -> Iterato
             cluster.new_worker()
             more["dask_scheduler"] = cluster.address
         address = stack.enter_context(serving(here.model_copy(update=more), with_science_of_its_own=bool(more)))
-        # A worker of the cluster may still be on its way.
-        wait_for(lambda: httpx2.get(f"{address}/readyz").is_success, timeout=120.0)
+        # A worker of the cluster may still be on its way; a service is ready while its engine starts.
+        wait_for(lambda: httpx2.get(f"{address}/readyz").json()["checks"]["engine"] == "ready", timeout=120.0)
         yield address
 
 
