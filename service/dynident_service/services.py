@@ -14,6 +14,7 @@ from fastapi import Depends, Request
 from dynident_service.awaited import Awaited
 from dynident_service.following import Following
 from dynident_service.housekeeping import Housekeeping
+from dynident_service.jobs.confinement import REQUEST_MEMORY, Confinement, Folders
 from dynident_service.jobs.engine import Engine
 from dynident_service.jobs.nursery import Nursery
 from dynident_service.models.verdicts import VerdictView
@@ -68,7 +69,7 @@ def open_services(settings: Settings, nursery: Nursery) -> Iterator[Services]:
         engine.start()
         housekeeping = Housekeeping(settings, database, objects)
         housekeeping.start()
-        awaited = Awaited(settings.request_workers, nursery)
+        awaited = Awaited(settings.request_workers, nursery, confine_readers(settings, objects))
         resources = Resources(database, objects, limits_of(settings))
         try:
             yield Services(settings, database, objects, resources, ledger, engine, housekeeping, awaited, following)
@@ -78,6 +79,15 @@ def open_services(settings: Settings, nursery: Nursery) -> Iterator[Services]:
             engine.close()
     finally:
         database.close()
+
+
+def confine_readers(settings: Settings, objects: ObjectStore) -> Confinement:
+    """Confine the processes that read what strangers sent: to uploads and stored files, without a network."""
+    uploads = settings.uploads_dir.resolve()
+    for folder in (uploads, objects.local_folder):
+        folder.mkdir(parents=True, exist_ok=True)  # one that is made later could not be allowed
+    folders = Folders(settings.data_dir.resolve(), (objects.local_folder,), (uploads,))
+    return Confinement(min(REQUEST_MEMORY, settings.job_memory), uploads, folders)
 
 
 async def services_of(request: Request) -> Services:

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, SecretStr, field_validator
+from pydantic import ByteSize, Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 MEGABYTE = 1_000_000
@@ -54,6 +54,9 @@ class Settings(LogSettings):
     max_attempts: int = Field(default=3, ge=1, description="How often a job is tried whose worker keeps dying.")
     job_deadline_seconds: float = Field(
         default=12 * 3600.0, gt=0, description="How long one attempt at a job may take."
+    )
+    job_memory: ByteSize = Field(
+        default=ByteSize(4_000 * MEGABYTE), ge=200 * MEGABYTE, description="Most that one job may take, as 4GB."
     )
     drain_seconds: float = Field(default=10.0, ge=0, description="How long jobs may go on when the service ends.")
     history_kept_days: float = Field(default=30.0, gt=0, description="How long events and retry keys are kept.")

@@ -25,6 +25,7 @@ from dynident_service import following as following_module
 from dynident_service.awaited import Awaited
 from dynident_service.following import LATEST, Following
 from dynident_service.jobs.child import STANDS_BACK
+from dynident_service.jobs.confinement import Limits
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.ledger import Ledger
@@ -52,7 +53,7 @@ def awaited() -> Iterator[Awaited]:
 def ask(awaited: Awaited, name: str, client: Client | None = None, longest: float = 60.0, **arguments: Any) -> Any:
     async def call() -> Any:
         request = cast(Request, client or Client())
-        return await awaited.call(request, f"small_jobs:{name}", object, arguments, longest)
+        return await awaited.call(request, f"small_jobs:{name}", object, arguments, Limits(longest))
 
     awaited._turns = None  # each test has an event loop of its own
     return anyio.run(call)

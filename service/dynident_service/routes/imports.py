@@ -9,6 +9,7 @@ from typing import Annotated
 from anyio import to_thread
 from fastapi import APIRouter, File, Form, Request, Response, UploadFile
 
+from dynident_service.jobs.confinement import Limits
 from dynident_service.models.common import plain
 from dynident_service.models.imports import ImportMetadata, ImportView
 from dynident_service.routes.common import RetryKeyDep, again, make, stated
@@ -22,7 +23,6 @@ from dynident_service.storage.retention import KEPT
 router = APIRouter(prefix="/v1/imports", tags=["imports"])
 
 LOOK = "dynident_service.work.awaited:look_at_file"
-LONGEST_LOOK = 120.0
 
 
 @router.post("", status_code=201)
@@ -47,7 +47,7 @@ async def import_file(
             return show(again(known, response))
         robot = await to_thread.run_sync(needed, services, "robot", said.robot_id, "/metadata/robot_id")
         arguments = {"source": str(source), "robot": dict(robot.request), "metadata": plain(said), "sha256": sha256}
-        result = await services.awaited.call(request, LOOK, dict, arguments, LONGEST_LOOK)
+        result = await services.awaited.call(request, LOOK, dict, arguments, Limits.for_files(source.stat().st_size))
         return await to_thread.run_sync(lambda: show(_store(services, said, source, result, key, response)))
 
 

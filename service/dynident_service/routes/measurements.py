@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import NoneType
 from typing import Annotated, Any
 
 from anyio import to_thread
 from fastapi import APIRouter, File, Form, Query, Request, Response, UploadFile
-from fastapi.responses import StreamingResponse
+from fastapi.responses import FileResponse, StreamingResponse
+from starlette.background import BackgroundTask
 
+from dynident_service.jobs.confinement import Limits
 from dynident_service.models.common import plain
 from dynident_service.models.imports import MeasurementOfImport
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView, RawSignals, Standstills
@@ -47,7 +52,9 @@ JSON_BODY = {
 
 
 IMPORT = "dynident_service.work.awaited:import_measurement"
-LONGEST_IMPORT = 3600.0
+RAW = "dynident_service.work.awaited:write_raw_signals"
+LARGEST_ANSWER = 500_000_000
+"""Bytes of signals that one answer gives: twenty minutes of 6 joints at 1 kHz."""
 
 
 @router.post("", status_code=201, openapi_extra=JSON_BODY)
@@ -89,7 +96,8 @@ async def checked(
     """Check a file and store it, unless an earlier try did, which made the resource."""
     if isinstance(received, Resource):
         return show(again(received, response))
-    result = await services.awaited.call(request, IMPORT, dict, received.to_import(), LONGEST_IMPORT)
+    limits = Limits.for_files(received.source.stat().st_size)
+    result = await services.awaited.call(request, IMPORT, dict, received.to_import(), limits)
     return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
 
 
@@ -234,9 +242,14 @@ def _keep(services: Services, received: Received) -> tuple[Owned, ...]:
     return original, services.resources.put_as("recording", canonical, MEDIA_TYPES["parquet"])
 
 
-@router.get("/{measurement_id}/raw", response_model=RawSignals)
-def get_raw_signals(
+@router.get(
+    "/{measurement_id}/raw",
+    response_class=FileResponse,
+    responses={200: {"model": RawSignals}},
+)
+async def get_raw_signals(
     measurement_id: str,
+    request: Request,
     services: ServicesDep,
     signals: Annotated[
         str | None,
@@ -245,20 +258,34 @@ def get_raw_signals(
     start: Annotated[float | None, Query(alias="from", allow_inf_nan=False, description="s")] = None,
     end: Annotated[float | None, Query(alias="to", allow_inf_nan=False, description="s")] = None,
     points: Annotated[int | None, Query(ge=12, le=100_000, description="About how many; all where not given")] = None,
-) -> Response:
+) -> FileResponse:
     """Give signals as they were recorded; with `points` thinned so that extremes survive, else all of them."""
-    with importing():
-        from dynident_service.adapters.raw_signals import as_recorded, streamed, thinned
-        from dynident_service.adapters.robots import robot_of
+    folder = Path(tempfile.mkdtemp(dir=services.settings.uploads_dir))
+    removal = BackgroundTask(shutil.rmtree, folder, ignore_errors=True)
+    try:
+        wanted = [name.strip() for name in (signals or "").split(",") if name.strip()]
+        sent = await to_thread.run_sync(_describe_raw, services, measurement_id, folder)
+        arguments = {**sent, "signals": wanted, "start": start, "end": end, "points": points}
+        limits = replace(Limits.for_files(Path(sent["source"]).stat().st_size), file_bytes=LARGEST_ANSWER)
+        await services.awaited.call(request, RAW, NoneType, arguments, limits)
+    except BaseException:
+        await removal()
+        raise
+    return FileResponse(sent["destination"], media_type="application/json", background=removal)
 
-    found = services.resources.get("measurement", measurement_id)
-    said = MeasurementMetadata.model_validate(found.request)
-    robot = robot_of(services.resources.get("robot", said.robot_id).request)
-    wanted = [name.strip() for name in (signals or "").split(",") if name.strip()]
-    opened = as_recorded(services.objects.path(original_of(found).key), robot, said, wanted)
-    if points is None:
-        return StreamingResponse(streamed(opened, start, end), media_type="application/json")
-    return Response(thinned(opened, points, start, end).model_dump_json(), media_type="application/json")
+
+def _describe_raw(services: Services, measurement_id: str, folder: Path) -> dict[str, Any]:
+    """What a child is told of the file of a measurement, and where it is to write signals of it."""
+    require_room(services, folder, 0)
+    measurement = services.resources.get("measurement", measurement_id)
+    said = MeasurementMetadata.model_validate(measurement.request)
+    robot = services.resources.get("robot", said.robot_id)
+    return {
+        "source": str(services.objects.path(original_of(measurement).key)),
+        "destination": str(folder / "signals.json"),
+        "robot": dict(robot.request),
+        "metadata": plain(said),
+    }
 
 
 @router.get("/{measurement_id}/standstills")

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, File, Request, Response, UploadFile
 
+from dynident_service.jobs.confinement import Limits
 from dynident_service.models.geometry import GeometryView, PosesView, PosturesRequest
 from dynident_service.models.robots import MeshesView
 from dynident_service.problems import unusable
@@ -142,7 +143,8 @@ async def _taken(
             "destination": str(geometry),
         }
 
-    found = await services.awaited.call(request, TAKE, dict, await to_thread.run_sync(asked))
+    sizes = [*(file.stat().st_size for file in sent.values()), *(one.size for one in kept.values())]
+    found = await services.awaited.call(request, TAKE, dict, await to_thread.run_sync(asked), Limits.for_files(*sizes))
 
     def stored() -> Taken:
         files, put = dict(kept), services.resources.put_as

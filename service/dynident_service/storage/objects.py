@@ -113,6 +113,11 @@ class ObjectStore:
             self._fetch(key, cached)
         return cached
 
+    @property
+    def local_folder(self) -> Path:
+        """The folder below which `path` gives files."""
+        return (self._cache_dir if self._folder is None else self._folder).resolve()
+
     def key_of(self, path: Path) -> str | None:
         """Tell which object a local file is that `path` gave; None for any other file."""
         key = path.name
