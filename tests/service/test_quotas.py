@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import uuid
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -375,7 +376,9 @@ def test_a_backup_keeps_whose_everything_is_and_a_bundle_for_another_service_doe
     with acting_for("cell"):
         robot = empty.make(b"mesh")
     back_up(empty.database, empty.objects, tmp_path / "backup")
-    export_robot(empty.database, empty.objects, robot.id, tmp_path / "bundle")
+    export_robot(empty.database, empty.objects, robot.id, tmp_path / "bundle.zip")
+    with zipfile.ZipFile(tmp_path / "bundle.zip") as bundle:
+        bundle.extractall(tmp_path / "bundle")
     assert "cell" not in (tmp_path / "bundle" / "tables" / "resources.jsonl").read_text()
     # One that says whose it is all the same gives nobody anything to pay for.
     (tmp_path / "bundle" / "tables" / "resources.jsonl").write_text(

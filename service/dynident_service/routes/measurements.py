@@ -24,7 +24,6 @@ from dynident_service.routes.common import RetryKey, RetryKeyDep, again, make, s
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed
 from dynident_service.routes.uploads import MEDIA_TYPES, media_type_of, receive, require_room, sha256_of
-from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
 from dynident_service.storage.tombstones import ObjectGone
@@ -53,8 +52,11 @@ JSON_BODY = {
 
 IMPORT = "dynident_service.work.awaited:import_measurement"
 RAW = "dynident_service.work.awaited:write_raw_signals"
-LARGEST_ANSWER = 500_000_000
-"""Bytes of signals that one answer gives: twenty minutes of 6 joints at 1 kHz."""
+STANDSTILLS = "dynident_service.work.awaited:find_standstills"
+SMALLEST_ANSWER, LARGEST_ANSWER = 16_000_000, 500_000_000
+"""Bytes of signals that one answer may have: the largest is twenty minutes of 6 joints at 1 kHz."""
+DIGITS = 20
+"""Times as large as a file its signals may be as text: a number has 20 digits, and the file may be compressed."""
 
 
 @router.post("", status_code=201, openapi_extra=JSON_BODY)
@@ -266,8 +268,12 @@ async def get_raw_signals(
         wanted = [name.strip() for name in (signals or "").split(",") if name.strip()]
         sent = await to_thread.run_sync(_describe_raw, services, measurement_id, folder)
         arguments = {**sent, "signals": wanted, "start": start, "end": end, "points": points}
-        limits = replace(Limits.for_files(Path(sent["source"]).stat().st_size), file_bytes=LARGEST_ANSWER)
-        await services.awaited.call(request, RAW, NoneType, arguments, limits)
+        size = Path(sent["source"]).stat().st_size
+        largest = min(max(SMALLEST_ANSWER, DIGITS * size), LARGEST_ANSWER)
+        await to_thread.run_sync(require_room, services, folder, largest // 2)
+        await services.awaited.call(
+            request, RAW, NoneType, arguments, replace(Limits.for_files(size), file_bytes=largest)
+        )
     except BaseException:
         await removal()
         raise
@@ -276,7 +282,6 @@ async def get_raw_signals(
 
 def _describe_raw(services: Services, measurement_id: str, folder: Path) -> dict[str, Any]:
     """What a child is told of the file of a measurement, and where it is to write signals of it."""
-    require_room(services, folder, 0)
     measurement = services.resources.get("measurement", measurement_id)
     said = MeasurementMetadata.model_validate(measurement.request)
     robot = services.resources.get("robot", said.robot_id)
@@ -289,10 +294,9 @@ def _describe_raw(services: Services, measurement_id: str, folder: Path) -> dict
 
 
 @router.get("/{measurement_id}/standstills")
-def get_standstills(measurement_id: str, services: ServicesDep) -> Standstills:
+async def get_standstills(measurement_id: str, request: Request, services: ServicesDep) -> Standstills:
     """Give the stretches of time in which each joint stands, as the recording's rows are told apart for friction."""
-    with importing():
-        from dynident_service.adapters.measurements import recording_of
-        from dynident_service.adapters.raw_signals import standstills
-
-    return standstills(recording_of(services.resources.get("measurement", measurement_id), services.objects))
+    found = await to_thread.run_sync(services.resources.get, "measurement", measurement_id)
+    path = await to_thread.run_sync(services.objects.path, found.objects["recording"].key)
+    asked = {"recording": str(path)}
+    return Standstills.model_validate(await services.awaited.call(request, STANDSTILLS, dict, asked))
