@@ -15,7 +15,7 @@ from test_links_and_joints import moving, torque_of_mjcf, torque_of_urdf
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.export import ExportedFile, export_model, to_mjcf, to_urdf
-from dynident.export.projection import is_free
+from dynident.export.projection import FREE, is_free
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
 
@@ -86,7 +86,7 @@ def test_the_error_that_a_file_states_is_what_its_reader_finds(write: Callable[[
 def test_a_file_that_holds_the_whole_model_warns_of_nothing() -> None:
     file = export_model(model_of(*PLAIN), "urdf")
     of_file, of_model = stated_errors(file)
-    assert of_file == pytest.approx(of_model, rel=1e-3)
+    assert of_file <= FREE * of_model
     assert not any("Warning" in note for note in file.notes)
 
 
