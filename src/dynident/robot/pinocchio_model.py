@@ -11,6 +11,7 @@ import pinocchio as pin
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.model import Description, Joint, JointKind, Robot
+from dynident.robot.pointers import check_name
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_axis, mend_placement
 from dynident.robot.settings import Settings, check_names, merged_limits
 from dynident.robot.stated import Drive, Limits
@@ -104,6 +105,8 @@ def from_pinocchio(
     if len(moving) > MOST_JOINTS:
         detail = f"The description has {len(moving)} moving joints; at most {MOST_JOINTS} are supported."
         raise DynidentError(detail, pointer=pointer, title="Unusable robot description")
+    for joint_name in (*moving, *described.links.values()):
+        check_name(joint_name, pointer, "Unusable robot description")
     check_names(settings, moving, described.fixed)
     model = locked(model, settings.locked_joints)
     joints = tuple(
