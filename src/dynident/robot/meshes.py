@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
-import coal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from dynident.arrays import FloatArray
-from dynident.robot.mesh_content import plain_mesh
+from dynident.robot.mesh_readers import read_triangles
 from dynident.robot.shapes import Block, Hull, capsule_around
 from dynident.robot.surfaces import Surface
 
@@ -35,24 +33,9 @@ def surface_of_mesh(file: Path, scale: FloatArray, placement: FloatArray) -> Sur
     ValueError
         The file cannot be read as a mesh.
     """
-    ending, content = plain_mesh(file)
-    with TemporaryDirectory() as folder:
-        plain = Path(folder) / f"mesh{ending}"
-        plain.write_bytes(content)
-        try:
-            model = coal.MeshLoader().load(str(plain), scale)
-        except (ValueError, RuntimeError, OSError, MemoryError) as error:
-            reason = str(error).rpartition("message:")[2].replace(str(plain), "it")
-            raise ValueError(" ".join(reason.split()) or "unreadable") from None
-    points = np.array(model.vertices(), dtype=np.float64).reshape(-1, 3)
-    corners = [(face[0], face[1], face[2]) for face in map(model.tri_indices, range(model.num_tris))]
-    if not len(points) or not corners:
-        raise ValueError("it has no triangles")
-    triangles = np.array(corners, dtype=np.intp)
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise ValueError("it has triangles without corners")
+    points, triangles = read_triangles(file)
     with np.errstate(over="ignore", invalid="ignore"):  # what comes of too large numbers is refused below
-        points = points @ placement[:3, :3].T + placement[:3, 3]
+        points = (points * scale) @ placement[:3, :3].T + placement[:3, 3]
     if not (np.abs(points) <= _LARGEST).all():
         raise ValueError(f"it has corners that are no numbers, or more than {_LARGEST:g} m away")
     return Surface(points, triangles)
