@@ -269,7 +269,7 @@ FILE_NAMES = {
     "ply_text": "part.ply",
     "dae": "part.dae",
 }
-DESCRIPTIONS = ("mjcf", "urdf")
+DESCRIPTIONS = ("mjcf", "urdf", "modified_dh")
 MESHES = ("stl", "stl_text", "obj", "ply", "ply_text", "dae")
 _NUMBERS = (0, 1, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 2**40, 2**63 - 1, 2**64 - 1)
 _WORDS = (b"0", b"-1", b"nan", b"inf", b"1e300", b"-1e300", b"4294967296", b"18446744073709551616", b"1e-300", b"")

@@ -19,7 +19,7 @@ from dynident.robot.stated import Drive, Limits
 MOST_JOINTS = 100
 """Moving joints of a robot. A model of more takes gigabytes, and no machine that is identified as one has as many."""
 
-_LARGEST = 1e12
+LARGEST = 1e12
 """No machine is that large in m, kg or kg m²; beyond it rounding errors are."""
 
 _FROM_DYNAMIC = [4, 5, 7, 6, 8, 9, 1, 2, 3, 0]
@@ -119,7 +119,7 @@ def from_pinocchio(
     )
     inertias = inertial_parameters(np.array([body.toDynamicParameters() for body in tuple(model.inertias)[1:]]))
     for joint, inertial in zip(joints, inertias, strict=True):
-        if not (np.all(np.abs(joint.placement) <= _LARGEST) and np.all(np.abs(inertial) <= _LARGEST)):
+        if not (np.all(np.abs(joint.placement) <= LARGEST) and np.all(np.abs(inertial) <= LARGEST)):
             raise DynidentError(
                 f"Joint '{joint.name}': lengths or inertias are too large to compute with; expected m, kg and kg m².",
                 pointer=pointer,

@@ -34,9 +34,9 @@ _FRANKA_PARTS = {"measured_joint_state": "", "desired_joint_state": "commanded_"
 _TOGETHER = 1024
 _TOGETHER_BYTES = 2**24
 """Messages that are unpacked at once, from all topics, and their bytes."""
-_MOST_LAYOUTS = 256
-"""Topics and lengths of messages whose layout is learned. Every message of another length is the work of one that
-wants to fill a memory."""
+_MOST_LAYOUTS, _MOST_NAMES = 256, 1000
+"""Topics and lengths of messages whose layout is learned, and names in one: to learn takes the square of them. Files
+with more are made to fill a memory, or are read one message after another."""
 
 
 class Samples(NamedTuple):
@@ -144,7 +144,7 @@ class _Unpacker:
         if key not in self._layouts:
             message = self._message(packed)
             self._layouts[key] = None
-            if len(self._layouts) > _MOST_LAYOUTS:
+            if len(self._layouts) > _MOST_LAYOUTS or len(_read(packed.type, message)[0]) > _MOST_NAMES:
                 return None
             with suppress(Exception):  # what can be unpacked and not packed again is unpacked one by one
                 self._layouts[key] = learned(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO, Any
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
@@ -16,7 +17,10 @@ from dynident.recordings.types import RecordingError
 
 _HEADERS = {(1, 0): numpy_format.read_array_header_1_0, (2, 0): numpy_format.read_array_header_2_0}
 _NUMBERS = "fiub"
-_BROKEN = (ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, MemoryError, OverflowError)
+_BROKEN = (
+    *(ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, MemoryError, OverflowError, SyntaxError),
+    *(BadZipFile, TokenError, zlib.error),
+)
 """What NumPy's and Python's readers raise of headers and archives that are damaged; a deep header is a MemoryError."""
 
 
@@ -32,7 +36,7 @@ def numpy_source(path: Path, name: str) -> ArrayFileSource:
         return ArrayFileSource(_archived(path) if name == "npz" else _single(path))
     except RecordingError:
         raise
-    except (*_BROKEN, BadZipFile, zlib.error) as error:
+    except _BROKEN as error:
         raise RecordingError(f"The file cannot be read as {name}: {error}", title=TITLE) from error
 
 
