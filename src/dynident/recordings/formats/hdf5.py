@@ -59,7 +59,8 @@ def _datasets(file: Any) -> Iterator[tuple[str, Any]]:
     while waiting:
         prefix, depth, group = waiting.pop()
         for key in group:
-            name = prefix + key
+            # A name that is no UTF-8 comes as bytes.
+            name = prefix + (key if isinstance(key, str) else key.decode(errors="replace"))
             link = group.get(key, getlink=True)
             if isinstance(link, h5py.ExternalLink):
                 raise RecordingError(
