@@ -18,6 +18,7 @@ from dynident_service.jobs.engine import Engine
 from dynident_service.jobs.nursery import Nursery
 from dynident_service.models.verdicts import VerdictView
 from dynident_service.quotas import limits_of
+from dynident_service.readiness import Readiness
 from dynident_service.remembered import Remembered
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
@@ -43,6 +44,7 @@ class Services:
     housekeeping: Housekeeping
     awaited: Awaited
     following: Following
+    readiness: Readiness
     verdicts: Remembered[VerdictView] = field(default_factory=lambda: Remembered(MOST_VERDICTS))
 
     @contextmanager
@@ -71,7 +73,10 @@ def open_services(settings: Settings, nursery: Nursery) -> Iterator[Services]:
         awaited = Awaited(settings.request_workers, nursery)
         resources = Resources(database, objects, limits_of(settings))
         try:
-            yield Services(settings, database, objects, resources, ledger, engine, housekeeping, awaited, following)
+            readiness = Readiness(database, objects, awaited)
+            yield Services(
+                settings, database, objects, resources, ledger, engine, housekeeping, awaited, following, readiness
+            )
         finally:
             awaited.close()
             housekeeping.close()

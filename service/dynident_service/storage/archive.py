@@ -5,7 +5,8 @@
     objects/<sha256>              the bytes
 
 The manifest is the one switch: it is written last and takes its name in one step. Tables have a new name each time, and
-an object never changes, so that an archive which is written over an older one leaves that whole until then. It belongs to no kind of database or store: what was written from SQLite is read into PostgreSQL, and the other way.
+an object never changes, so that an archive which is written over an older one leaves that whole until then. It belongs
+to no kind of database or store: what was written from SQLite is read into PostgreSQL, and the other way.
 """
 
 from __future__ import annotations

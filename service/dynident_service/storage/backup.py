@@ -144,7 +144,7 @@ def back_up(database: Database, objects: ObjectStore, target: Path) -> Amount:
 
 def _owned(connection: Connection) -> dict[str, int]:
     """The size of each object that belongs to a resource, by its key."""
-    return {key: size for key, size in connection.execute(select(ObjectRow.key, ObjectRow.size).distinct())}
+    return dict(connection.execute(select(ObjectRow.key, ObjectRow.size).distinct()).tuples().all())
 
 
 def _copy(objects: ObjectStore, files: Files, key: str, size: int) -> None:
