@@ -171,3 +171,11 @@ def goes_on(task: Task) -> Outcome:
         if step == 6 and began == 0:
             os.kill(os.getpid(), signal.SIGKILL)
     return Outcome()
+
+
+def read_as_it_says(kind: str, request: dict[str, Any], result: dict[str, Any], files: dict[str, str]) -> str | None:
+    if request["it"] == "dies":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if request["it"] == "hangs":
+        time.sleep(60)
+    return None

@@ -144,7 +144,8 @@ def back_up(database: Database, objects: ObjectStore, target: Path) -> Amount:
 
 def _owned(connection: Connection) -> dict[str, int]:
     """The size of each object that belongs to a resource, by its key."""
-    return dict(connection.execute(select(ObjectRow.key, ObjectRow.size).distinct()).tuples().all())
+    rows = connection.execute(select(ObjectRow.key, ObjectRow.size).distinct()).all()
+    return {row.key: row.size for row in rows}
 
 
 def _copy(objects: ObjectStore, files: Files, key: str, size: int) -> None:
