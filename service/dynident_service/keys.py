@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import secrets
 import time
 from dataclasses import asdict, dataclass
@@ -19,6 +20,8 @@ from dynident_service.storage.tables import KeyRow, now
 Scope = Literal["read", "submit", "admin"]
 SCOPES: tuple[Scope, ...] = ("read", "submit", "admin")
 """Each allows what those before it allow: to look, to send and change, to delete."""
+STORES_NOTHING = re.compile("/v1/robots/[^/]+/poses/?")
+"""Paths to which a POST only asks: its question is too long for an address, and nothing is kept of it."""
 NOTED_EVERY = 60.0
 """Seconds after which the use of a key is noted again."""
 
@@ -35,9 +38,9 @@ class Holder:
     limits: Limits = UNLIMITED
     """Its own, which go before those of the settings."""
 
-    def may(self, method: str) -> bool:
-        """Tell whether the key allows requests of a method."""
-        return SCOPES.index(self.scope) >= SCOPES.index(needed_scope(method))
+    def may(self, method: str, path: str) -> bool:
+        """Tell whether the key allows requests of a method to a path."""
+        return SCOPES.index(self.scope) >= SCOPES.index(needed_scope(method, path))
 
     @property
     def is_expired(self) -> bool:
@@ -45,9 +48,9 @@ class Holder:
         return self.expires_at is not None and self.expires_at <= now()
 
 
-def needed_scope(method: str) -> Scope:
-    """What a key must allow for requests of a method."""
-    if method in ("GET", "HEAD", "OPTIONS"):
+def needed_scope(method: str, path: str) -> Scope:
+    """Tell what a key must allow for requests of a method to a path."""
+    if method in ("GET", "HEAD", "OPTIONS") or (method == "POST" and STORES_NOTHING.fullmatch(path)):
         return "read"
     return "admin" if method == "DELETE" else "submit"
 

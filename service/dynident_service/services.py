@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, cast
@@ -21,6 +22,7 @@ from dynident_service.quotas import limits_of
 from dynident_service.readiness import Readiness
 from dynident_service.remembered import Remembered
 from dynident_service.settings import Settings
+from dynident_service.storage.data_directory import mark_in_use, prepare_data_directory
 from dynident_service.storage.database import Database
 from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.migrate import migrate
@@ -59,16 +61,16 @@ class Services:
 @contextmanager
 def open_services(settings: Settings, nursery: Nursery) -> Iterator[Services]:
     """Open the storage, bring the database up to date, and start the engine in the background."""
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
-    database = Database(settings.database)
-    try:
+    prepare_data_directory(settings.data_dir)
+    with mark_in_use(settings.data_dir) as is_alone, closing(Database(settings.database)) as database:
+        abandoned_before = time.time() if is_alone else 0.0
         migrate(database)
         objects = ObjectStore(settings.objects, settings.cache_dir)
         ledger = Ledger(database, settings.max_attempts)
         following = Following(ledger)
         engine = Engine(settings, ledger, nursery, following.nudge)
         engine.start()
-        housekeeping = Housekeeping(settings, database, objects)
+        housekeeping = Housekeeping(settings, database, objects, abandoned_before)
         housekeeping.start()
         awaited = Awaited(settings.request_workers, nursery)
         resources = Resources(database, objects, limits_of(settings))
@@ -81,8 +83,6 @@ def open_services(settings: Settings, nursery: Nursery) -> Iterator[Services]:
             awaited.close()
             housekeeping.close()
             engine.close()
-    finally:
-        database.close()
 
 
 async def services_of(request: Request) -> Services:

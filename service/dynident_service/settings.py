@@ -7,8 +7,10 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, SecretStr, field_validator
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import Field, SecretStr, ValidationError, field_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
+
+from dynident.errors import DynidentError
 
 MEGABYTE = 1_000_000
 
@@ -50,6 +52,11 @@ class Settings(LogSettings):
     quota_jobs: int = Field(default=0, ge=0, description="Jobs of a key queued or running at a time; 0: any.")
     api_keys: list[SecretStr] = Field(default=[], description="Keys accepted besides those in the database.")
     require_keys: bool = Field(default=False, description="Ask for a key on the loopback interface too.")
+    public_url: str = Field(
+        default="",
+        pattern=r"^(https?://[^\s/?#@]+(/[^\s?#]*)?)?$",
+        description="Where users reach the service, https://…: reports lead back there. Default: where it listens.",
+    )
     allowed_origins: list[str] = Field(default=[], description="Web pages of other origins that may call the service.")
     max_attempts: int = Field(default=3, ge=1, description="How often a job is tried whose worker keeps dying.")
     job_deadline_seconds: float = Field(
@@ -96,6 +103,26 @@ class Settings(LogSettings):
     def needs_keys(self) -> bool:
         """Whether requests must carry an API key."""
         return self.require_keys or not self.is_loopback
+
+
+def load_settings(**given: object) -> Settings:
+    """Read the settings of the environment, with those that are given in their stead.
+
+    Raises
+    ------
+    DynidentError
+        For one that cannot be used, with its name.
+    """
+    try:
+        return Settings(**given)  # type: ignore[arg-type]
+    except (ValidationError, SettingsError) as error:
+        if isinstance(error, SettingsError):
+            raise DynidentError(f"{error}; lists are JSON", title="Unusable setting") from error
+        first = error.errors()[0]
+        name = "DYNIDENT_" + "_".join(str(item) for item in first["loc"]).upper()
+        raise DynidentError(
+            f"{first['msg']} (it is {first['input']!r})", pointer=name, title="Unusable setting"
+        ) from error
 
 
 def is_loopback(host: str) -> bool:
