@@ -5,10 +5,12 @@ from __future__ import annotations
 import sys
 
 from dynident.errors import DynidentError
+from dynident_service.environment import hide_secrets
 
 
 def main() -> int:
     """Start the service; tells the exit code where it cannot."""
+    hide_secrets()
     from dynident_service.serve import serve
 
     try:

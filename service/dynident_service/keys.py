@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import secrets
 import time
@@ -12,7 +11,7 @@ from typing import Literal, cast
 
 from sqlalchemy import delete, select, update
 
-from dynident_service.settings import Settings
+from dynident_service.settings import Settings, hash_of
 from dynident_service.storage.database import Database, clock
 from dynident_service.storage.quotas import UNLIMITED, Limits
 from dynident_service.storage.tables import KeyRow, now
@@ -85,16 +84,11 @@ def list_keys(database: Database) -> list[Holder]:
         return [_holder(row) for row in session.scalars(select(KeyRow).order_by(KeyRow.name, KeyRow.created_at))]
 
 
-def hash_of(key: str) -> str:
-    """SHA-256 is enough for a random key: there is no dictionary to try."""
-    return hashlib.sha256(key.encode()).hexdigest()
-
-
 class KeyRing:
     """Tells whether a key is known, and what it allows."""
 
     def __init__(self, settings: Settings, database: Database) -> None:
-        self._configured = {hash_of(key.get_secret_value()) for key in settings.api_keys}
+        self._configured = {key.get_secret_value() for key in settings.api_keys}
         self._database = database
         self._noted: dict[str, float] = {}
 

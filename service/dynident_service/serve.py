@@ -12,6 +12,7 @@ from dynident_service import traces
 from dynident_service.app import create_app
 from dynident_service.connections import protocol_with
 from dynident_service.draining import DrainingServer
+from dynident_service.environment import forget_keys
 from dynident_service.logs import configure
 from dynident_service.settings import Settings, load_settings
 from dynident_service.storage.data_directory import PRIVATE, prepare_data_directory
@@ -20,6 +21,7 @@ from dynident_service.storage.data_directory import PRIVATE, prepare_data_direct
 def serve(settings: Settings | None = None) -> None:
     """Answer requests until interrupted, or told to terminate."""
     settings = settings or load_settings()
+    forget_keys()
     os.umask(os.umask(PRIVATE) | PRIVATE)
     if settings.database.startswith("postgresql"):
         # Said at once where it is missing, and not by a traceback while the service starts.

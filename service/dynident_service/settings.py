@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import ipaddress
 import os
 from pathlib import Path
@@ -11,6 +12,7 @@ from pydantic import Field, SecretStr, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 
 from dynident.errors import DynidentError
+from dynident_service.environment import is_secret
 
 MEGABYTE = 1_000_000
 
@@ -50,7 +52,9 @@ class Settings(LogSettings):
     quota_bytes: int = Field(default=0, ge=0, description="Of recordings and meshes that a key may have; 0: any.")
     quota_recordings: int = Field(default=0, ge=0, description="How many recordings a key may have; 0: any.")
     quota_jobs: int = Field(default=0, ge=0, description="Jobs of a key queued or running at a time; 0: any.")
-    api_keys: list[SecretStr] = Field(default=[], description="Keys accepted besides those in the database.")
+    api_keys: list[SecretStr] = Field(
+        default=[], description="Keys accepted besides those in the database; here only the hash of each is kept."
+    )
     require_keys: bool = Field(default=False, description="Ask for a key on the loopback interface too.")
     public_url: str = Field(
         default="",
@@ -65,6 +69,11 @@ class Settings(LogSettings):
     drain_seconds: float = Field(default=10.0, ge=0, description="How long jobs may go on when the service ends.")
     history_kept_days: float = Field(default=30.0, gt=0, description="How long events and retry keys are kept.")
     deleted_kept_seconds: float = Field(default=3600.0, ge=60, description="How long deleted files are kept.")
+
+    @field_validator("api_keys")
+    @classmethod
+    def _keep_hashes(cls, keys: list[SecretStr]) -> list[SecretStr]:
+        return [SecretStr(hash_of(key.get_secret_value())) for key in keys]
 
     @field_validator("database_url")
     @classmethod
@@ -119,10 +128,14 @@ def load_settings(**given: object) -> Settings:
         if isinstance(error, SettingsError):
             raise DynidentError(f"{error}; lists are JSON", title="Unusable setting") from error
         first = error.errors()[0]
-        name = "DYNIDENT_" + "_".join(str(item) for item in first["loc"]).upper()
-        raise DynidentError(
-            f"{first['msg']} (it is {first['input']!r})", pointer=name, title="Unusable setting"
-        ) from error
+        name = f"DYNIDENT_{first['loc'][0]}".upper()
+        told = "" if is_secret(name) else f" (it is {first['input']!r})"
+        raise DynidentError(f"{first['msg']}{told}", pointer=name, title="Unusable setting") from error
+
+
+def hash_of(key: str) -> str:
+    """Hash an API key: SHA-256 is enough for a random one, since there is no dictionary to try."""
+    return hashlib.sha256(key.encode()).hexdigest()
 
 
 def is_loopback(host: str) -> bool:
