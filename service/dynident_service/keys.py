@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
+import re
 import secrets
 import time
 from dataclasses import asdict, dataclass
@@ -11,7 +11,7 @@ from typing import Literal, cast
 
 from sqlalchemy import delete, select, update
 
-from dynident_service.settings import Settings
+from dynident_service.settings import Settings, hash_of
 from dynident_service.storage.database import Database, clock
 from dynident_service.storage.quotas import UNLIMITED, Limits
 from dynident_service.storage.tables import KeyRow, now
@@ -19,6 +19,8 @@ from dynident_service.storage.tables import KeyRow, now
 Scope = Literal["read", "submit", "admin"]
 SCOPES: tuple[Scope, ...] = ("read", "submit", "admin")
 """Each allows what those before it allow: to look, to send and change, to delete."""
+STORES_NOTHING = re.compile("/v1/robots/[^/]+/poses/?")
+"""Paths to which a POST only asks: its question is too long for an address, and nothing is kept of it."""
 NOTED_EVERY = 60.0
 """Seconds after which the use of a key is noted again."""
 
@@ -35,9 +37,9 @@ class Holder:
     limits: Limits = UNLIMITED
     """Its own, which go before those of the settings."""
 
-    def may(self, method: str) -> bool:
-        """Tell whether the key allows requests of a method."""
-        return SCOPES.index(self.scope) >= SCOPES.index(needed_scope(method))
+    def may(self, method: str, path: str) -> bool:
+        """Tell whether the key allows requests of a method to a path."""
+        return SCOPES.index(self.scope) >= SCOPES.index(needed_scope(method, path))
 
     @property
     def is_expired(self) -> bool:
@@ -45,9 +47,9 @@ class Holder:
         return self.expires_at is not None and self.expires_at <= now()
 
 
-def needed_scope(method: str) -> Scope:
-    """What a key must allow for requests of a method."""
-    if method in ("GET", "HEAD", "OPTIONS"):
+def needed_scope(method: str, path: str) -> Scope:
+    """Tell what a key must allow for requests of a method to a path."""
+    if method in ("GET", "HEAD", "OPTIONS") or (method == "POST" and STORES_NOTHING.fullmatch(path)):
         return "read"
     return "admin" if method == "DELETE" else "submit"
 
@@ -82,16 +84,11 @@ def list_keys(database: Database) -> list[Holder]:
         return [_holder(row) for row in session.scalars(select(KeyRow).order_by(KeyRow.name, KeyRow.created_at))]
 
 
-def hash_of(key: str) -> str:
-    """SHA-256 is enough for a random key: there is no dictionary to try."""
-    return hashlib.sha256(key.encode()).hexdigest()
-
-
 class KeyRing:
     """Tells whether a key is known, and what it allows."""
 
     def __init__(self, settings: Settings, database: Database) -> None:
-        self._configured = {hash_of(key.get_secret_value()) for key in settings.api_keys}
+        self._configured = {key.get_secret_value() for key in settings.api_keys}
         self._database = database
         self._noted: dict[str, float] = {}
 

@@ -50,7 +50,7 @@ class Gate:
                 return await self._app(scope, receive, send)  # the page holds no data, and asks for the key itself
             key = _key_in(headers)
             holder = None if key is None else await to_thread.run_sync(self._keys().holder_of, key)
-            refused = _refusal(holder, scope["method"])
+            refused = _refusal(holder, scope["method"], scope["path"])
             if refused is not None:
                 challenge = {"www-authenticate": "Bearer"} if refused.status == 401 else None
                 return await respond(refused, challenge)(scope, receive, send)
@@ -72,7 +72,7 @@ class Gate:
         return urlsplit(origin).netloc == headers.get("host")
 
 
-def _refusal(holder: Holder | None, method: str) -> Problem | None:
+def _refusal(holder: Holder | None, method: str, path: str) -> Problem | None:
     """Why a request may not enter; `None` where it may."""
     if holder is None:
         detail = "This service asks for an API key, as 'Authorization: Bearer …' or 'X-API-Key: …'."
@@ -82,8 +82,9 @@ def _refusal(holder: Holder | None, method: str) -> Problem | None:
             f"The key {holder.name!r} ended on {holder.expires_at:%Y-%m-%d}; ask whoever runs the service for another."
         )
         return make_problem(401, detail, title="API key expired")
-    if not holder.may(method):
-        detail = f"The key {holder.name!r} allows to {holder.scope}; {method} asks for one with {needed_scope(method)}."
+    if not holder.may(method, path):
+        needed = needed_scope(method, path)
+        detail = f"The key {holder.name!r} allows to {holder.scope}; {method} asks for one with {needed}."
         return make_problem(403, detail, title="Not allowed by this key")
     return None
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import ipaddress
 import os
 from pathlib import Path
 from typing import Literal
 
-from pydantic import ByteSize, Field, SecretStr, field_validator
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import ByteSize, Field, SecretStr, ValidationError, field_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
+
+from dynident.errors import DynidentError
+from dynident_service.environment import is_secret
 
 MEGABYTE = 1_000_000
 
@@ -48,8 +52,15 @@ class Settings(LogSettings):
     quota_bytes: int = Field(default=0, ge=0, description="Of recordings and meshes that a key may have; 0: any.")
     quota_recordings: int = Field(default=0, ge=0, description="How many recordings a key may have; 0: any.")
     quota_jobs: int = Field(default=0, ge=0, description="Jobs of a key queued or running at a time; 0: any.")
-    api_keys: list[SecretStr] = Field(default=[], description="Keys accepted besides those in the database.")
+    api_keys: list[SecretStr] = Field(
+        default=[], description="Keys accepted besides those in the database; here only the hash of each is kept."
+    )
     require_keys: bool = Field(default=False, description="Ask for a key on the loopback interface too.")
+    public_url: str = Field(
+        default="",
+        pattern=r"^(https?://[^\s/?#@]+(/[^\s?#]*)?)?$",
+        description="Where users reach the service, https://…: reports lead back there. Default: where it listens.",
+    )
     allowed_origins: list[str] = Field(default=[], description="Web pages of other origins that may call the service.")
     max_attempts: int = Field(default=3, ge=1, description="How often a job is tried whose worker keeps dying.")
     job_deadline_seconds: float = Field(
@@ -61,6 +72,11 @@ class Settings(LogSettings):
     drain_seconds: float = Field(default=10.0, ge=0, description="How long jobs may go on when the service ends.")
     history_kept_days: float = Field(default=30.0, gt=0, description="How long events and retry keys are kept.")
     deleted_kept_seconds: float = Field(default=3600.0, ge=60, description="How long deleted files are kept.")
+
+    @field_validator("api_keys")
+    @classmethod
+    def _keep_hashes(cls, keys: list[SecretStr]) -> list[SecretStr]:
+        return [SecretStr(hash_of(key.get_secret_value())) for key in keys]
 
     @field_validator("database_url")
     @classmethod
@@ -99,6 +115,30 @@ class Settings(LogSettings):
     def needs_keys(self) -> bool:
         """Whether requests must carry an API key."""
         return self.require_keys or not self.is_loopback
+
+
+def load_settings(**given: object) -> Settings:
+    """Read the settings of the environment, with those that are given in their stead.
+
+    Raises
+    ------
+    DynidentError
+        For one that cannot be used, with its name.
+    """
+    try:
+        return Settings(**given)  # type: ignore[arg-type]
+    except (ValidationError, SettingsError) as error:
+        if isinstance(error, SettingsError):
+            raise DynidentError(f"{error}; lists are JSON", title="Unusable setting") from error
+        first = error.errors()[0]
+        name = f"DYNIDENT_{first['loc'][0]}".upper()
+        told = "" if is_secret(name) else f" (it is {first['input']!r})"
+        raise DynidentError(f"{first['msg']}{told}", pointer=name, title="Unusable setting") from error
+
+
+def hash_of(key: str) -> str:
+    """Hash an API key: SHA-256 is enough for a random one, since there is no dictionary to try."""
+    return hashlib.sha256(key.encode()).hexdigest()
 
 
 def is_loopback(host: str) -> bool:

@@ -47,6 +47,11 @@ def answer(call: Call, peak_memory: int) -> Answer:
         return _answer(call, peak_memory)
 
 
+def answer_readiness() -> bool:
+    """Answer, and nothing else: what the service asks a child process to see whether it would answer a request."""
+    return True
+
+
 def _answer(call: Call, peak_memory: int) -> Answer:
     module, _, name = call.function.partition(":")
     try:

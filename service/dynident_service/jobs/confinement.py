@@ -10,10 +10,11 @@ import itertools
 import os
 import resource
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+from dynident_service.environment import forget_secrets
 from dynident_service.jobs.landlock import restrict_files_and_network
 
 PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -56,14 +57,11 @@ class Confinement:
         Folder of its own for temporary files; that of the system where there is none.
     folders : Folders or None
         All that it may read (beside its own program) and write, without a network. None: it is not restricted so.
-    environment : mapping
-        Variables that it gets through its pipe, so that they stand in no other process.
     """
 
     memory: int | None = None
     scratch: Path | None = None
     folders: Folders | None = None
-    environment: Mapping[str, str] = field(default_factory=dict)
 
     def apply(self, connections: Sequence[int]) -> None:
         """Confine this process, which must have one thread.
@@ -71,13 +69,13 @@ class Confinement:
         Of its descriptors the standard ones and `connections` stay.
         """
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a core file would hold all that the process knows
-        os.environ.update(self.environment)
         if self.scratch is not None:
             os.environ["TMPDIR"] = os.environ["SQLITE_TMPDIR"] = str(self.scratch)
             tempfile.tempdir = str(self.scratch)
         if self.memory is not None and (used := _address_space()) is not None:
             _limit(resource.RLIMIT_AS, used + self.memory)
         if self.folders is not None:
+            forget_secrets()
             _close_descriptors(connections)
             own = () if self.scratch is None else (self.scratch,)
             restrict_files_and_network(self.folders.read, [*self.folders.written, *own], self.folders.private)

@@ -20,6 +20,7 @@ import warnings
 from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
+from dynident_service.environment import environment_for_children, secrets_for_children, take_secrets
 from dynident_service.jobs import child
 from dynident_service.logs import configure
 from dynident_service.settings import LogSettings
@@ -87,12 +88,12 @@ class Nursery:
 
     def _start(self) -> socket.socket:
         ours, theirs = socket.socketpair()
-        with theirs:
+        with theirs, secrets_for_children() as secrets:
             self._process = subprocess.Popen(
                 [sys.executable, *self.PROGRAM, str(theirs.fileno())],
                 pass_fds=(theirs.fileno(),),
-                stdin=subprocess.DEVNULL,
-                env={**os.environ, **ONE_THREAD, **BOUNDED_ARROW},
+                stdin=secrets,
+                env={**environment_for_children(), **ONE_THREAD, **BOUNDED_ARROW},
                 start_new_session=True,
             )
         self._control = ours
@@ -110,6 +111,7 @@ class Nursery:
 
 def main() -> None:
     """Load the science, then serve until the other end is closed."""
+    take_secrets()
     control = socket.socket(fileno=int(sys.argv[1]))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.dup2(2, 1)  # what solvers print belongs to the log
