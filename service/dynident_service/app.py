@@ -101,7 +101,7 @@ def create_app(settings: Settings | None = None, nursery: Nursery | None = None)
             expose_headers=["Location", REQUEST_ID],
         )
     app.add_middleware(Audit)
-    app.add_middleware(Admission, settings=settings)
+    app.add_middleware(Admission, settings=settings, party_of=lambda scope: app.state.keys.party_of(scope))
     app.add_middleware(Timing, metrics=metrics)
     app.add_middleware(SafeHeaders)
     app.add_middleware(Tracing)

@@ -43,6 +43,7 @@ class Settings(LogSettings):
     max_batch: int = Field(default=1000, ge=1, description="Identifications that one request may ask for.")
     header_timeout_seconds: float = Field(default=20.0, gt=0, description="How long a request may take to begin.")
     body_timeout_seconds: float = Field(default=30.0, gt=0, description="How long a body may not come on.")
+    answer_timeout_seconds: float = Field(default=30.0, gt=0, description="How long nothing of an answer may be taken.")
     slowest_upload_bytes_per_second: float = Field(default=10_000.0, gt=0, description="A body must come as fast.")
     reserved_bytes: int = Field(default=100 * MEGABYTE, ge=0, description="Room on the disk that uploads leave free.")
     quota_bytes: int = Field(default=0, ge=0, description="Of recordings and meshes that a key may have; 0: any.")

@@ -34,7 +34,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         log_level="error",
         max_body_bytes=1_000_000,
         max_upload_bytes=3_000_000,
-        max_connections=5,
+        max_connections=7,  # of which one address may have five
         header_timeout_seconds=0.4,
         body_timeout_seconds=0.4,
     )
@@ -156,7 +156,7 @@ def test_one_connection_too_many_is_told_to_come_back(address: tuple[str, int]) 
 
 
 def test_more_requests_than_can_be_answered_are_told_to_come_back(tmp_path: Any) -> None:
-    settings = Settings(data_dir=tmp_path, max_requests=2, max_followers=1)
+    settings = Settings(data_dir=tmp_path, max_requests=3, max_followers=1)  # of three, one is another's
     go_on = threading.Event()
     inside: list[str] = []
 
@@ -228,9 +228,10 @@ def test_those_who_would_wait_long_for_a_short_answer_are_told_so_at_once(tmp_pa
                 group.start_soon(client.get, "/v1/reports")
                 group.start_soon(partial(client.post, "/v1/measurements", content=b"." * 200_000))
             await until(lambda: len(inside) == 10)
-            for _ in range(MOST_A_THREAD):
+            share = 3 * MOST_A_THREAD // 4
+            for _ in range(share):
                 group.start_soon(client.get, "/v1/robots")
-            await until(lambda: len(arrived) == 10 + MOST_A_THREAD)
+            await until(lambda: len(arrived) == 10 + share)
             refused = await client.get("/v1/robots")
             assert refused.status_code == 429
             assert "DYNIDENT_REQUEST_THREADS" in refused.json()["detail"]
