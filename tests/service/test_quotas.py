@@ -260,20 +260,11 @@ def test_the_command_to_make_a_key_gives_it_limits_and_lists_them(
     database.close()
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
-def empty(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Store]:
+@pytest.fixture
+def empty(new_database: Database, tmp_path: Path) -> Store:
     """A store whose database has no tables yet."""
-    url = f"sqlite:///{tmp_path / 'quotas.sqlite3'}"
-    if request.param == "postgresql":
-        server, name = str(request.getfixturevalue("postgresql")), f"quotas_{uuid.uuid4().hex}"
-        first = Database(server)
-        with first.engine.execution_options(isolation_level="AUTOCOMMIT").connect() as connection:
-            connection.execute(text(f"CREATE DATABASE {name}"))
-        first.close()
-        url = server.rpartition("/")[0] + f"/{name}"
-    database, objects = Database(url), ObjectStore((tmp_path / "objects").as_uri(), tmp_path / "cache")
-    yield Store(database, objects, Resources(database, objects))
-    database.close()
+    objects = ObjectStore((tmp_path / "objects").as_uri(), tmp_path / "cache")
+    return Store(new_database, objects, Resources(new_database, objects))
 
 
 @contextmanager

@@ -88,7 +88,9 @@ class Ledger:
             return job.id
 
     def claim(self, slots: int, own: Collection[str] | None = None) -> list[Claim]:
-        """Take as many queued jobs, oldest first, as there are free slots; leases that ran out free their jobs.
+        """Take as many queued jobs as there are free slots; leases that ran out free their jobs.
+
+        Each is the oldest of the key of which the fewest run, so that nobody waits behind all the jobs of another.
 
         A slot is taken by each running job of `own`, the ids of those that were given to these slots; by whichever job
         runs where that is not known.
