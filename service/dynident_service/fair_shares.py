@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import ipaddress
 from collections import Counter
-from collections.abc import MutableMapping
+from collections.abc import AsyncIterator, MutableMapping
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +16,8 @@ import anyio
 
 TIMES_THE_REST = 3
 """A party that has places may take another while it has fewer than so many times those that would stay free: alone it
-gets three quarters, of two parties each gets three sevenths, and there is always a place for one that has none."""
+gets three quarters at most, of two that come in turn each gets three sevenths, and so on. What one leaves is there for
+others who have less."""
 PREFIX = 64
 """Leading bits of an IPv6 address that stand for one subscriber, who has all the addresses that begin so."""
 
@@ -33,7 +35,7 @@ def party_of_address(scope: MutableMapping[str, Any]) -> str:
 
 def _subscriber(host: str) -> str:
     try:
-        address = ipaddress.ip_address(host)
+        address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:  # no address, as of a socket in the file system
         return host
     if isinstance(address, ipaddress.IPv4Address) or address.ipv4_mapped:
@@ -58,7 +60,7 @@ class SharedPlaces:
         return is_share_left(self.held[party], self.total - self.held.total())
 
     def take(self, party: str) -> None:
-        """Take a place, whether or not one is free."""
+        """Take a place for a party, which it is the caller's to ask for before."""
         self.held[party] += 1
 
     def give_back(self, party: str) -> None:
@@ -100,6 +102,15 @@ class FairQueue:
         (self.under_way if ticket.turn.is_set() else self._waiting).remove(ticket)
         self._go_on()
 
+    @asynccontextmanager
+    async def turn_of(self, ticket: Ticket) -> AsyncIterator[None]:
+        """Enter when it is a ticket's turn, which ends with the block."""
+        await self.wait(ticket)
+        try:
+            yield
+        finally:
+            self.leave(ticket)
+
     def may_go_on(self, ticket: Ticket) -> bool:
         """Tell whether the turn may be a ticket's while a place is free."""
         return True
@@ -117,17 +128,15 @@ class FairQueue:
 
 
 class SharedQueue(FairQueue):
-    """A queue for what may take long: a party cannot hold all places, and long ones leave one to the short."""
+    """A queue for what may take long: of long ones a party cannot have all places, and one place is kept for the short.
+
+    With a single place there is none to keep.
+    """
 
     def may_go_on(self, ticket: Ticket) -> bool:
-        """Tell whether a party may take another place, of those for long ones where it will take long."""
-        if not self._is_share_left(ticket.party, self.under_way, self.size):
-            return False
-        if not ticket.is_long:
-            return True
-        # With a single place there is none to leave.
-        return self._is_share_left(ticket.party, [one for one in self.under_way if one.is_long], max(1, self.size - 1))
-
-    @staticmethod
-    def _is_share_left(party: str, under_way: list[Ticket], size: int) -> bool:
-        return is_share_left(sum(one.party == party for one in under_way), size - len(under_way))
+        """Tell whether a party may take another place with what is as long."""
+        alike = [one for one in self.under_way if one.is_long == ticket.is_long]
+        free = self.size - len(self.under_way)
+        if ticket.is_long:
+            free = min(free, max(1, self.size - 1) - len(alike))
+        return is_share_left(sum(one.party == ticket.party for one in alike), free)

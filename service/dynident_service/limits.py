@@ -67,13 +67,19 @@ class Allowance:
 
 def allowance(scope: Scope, settings: Settings) -> Allowance:
     """Tell what a request may send; its content type alone opens nothing."""
-    path = scope["path"].rstrip("/")
     is_form = Headers(scope=scope).get("content-type", "").lower().startswith("multipart/")
-    is_upload = (path in UPLOADS and scope["method"] == "POST") or (MESHES.fullmatch(path) and scope["method"] == "PUT")
-    if is_upload and is_form:
+    if is_form and is_upload(scope):
         return Allowance(settings.max_upload_bytes, None, "DYNIDENT_MAX_UPLOAD_BYTES")
-    values = MOST_SAMPLES if path in TRAJECTORIES else MOST_VALUES
+    values = MOST_SAMPLES if scope["path"].rstrip("/") in TRAJECTORIES else MOST_VALUES
     return Allowance(settings.max_body_bytes, values, "DYNIDENT_MAX_BODY_BYTES")
+
+
+def is_upload(scope: Scope) -> bool:
+    """Tell whether a request sends files that will be stored."""
+    path = scope["path"].rstrip("/")
+    return (path in UPLOADS and scope["method"] == "POST") or (
+        MESHES.fullmatch(path) is not None and scope["method"] == "PUT"
+    )
 
 
 class BodyLimit:

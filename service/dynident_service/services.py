@@ -12,6 +12,7 @@ from typing import Annotated, cast
 from fastapi import Depends, Request
 
 from dynident_service.awaited import Awaited
+from dynident_service.fair_shares import SharedPlaces
 from dynident_service.following import Following
 from dynident_service.housekeeping import Housekeeping
 from dynident_service.jobs.engine import Engine
@@ -26,6 +27,8 @@ from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.resources import Resources
 
+MOST_BUNDLES = 8
+"""That are read at a time: each is a file as large as all recordings of its robot."""
 MOST_VERDICTS = 500
 """Of some 2 kB each."""
 
@@ -43,6 +46,7 @@ class Services:
     housekeeping: Housekeeping
     awaited: Awaited
     following: Following
+    bundles: SharedPlaces = field(default_factory=lambda: SharedPlaces(MOST_BUNDLES))
     verdicts: Remembered[VerdictView] = field(default_factory=lambda: Remembered(MOST_VERDICTS))
 
     @contextmanager

@@ -33,7 +33,9 @@ class Settings(LogSettings):
     object_store_url: str = Field(default="", description="Default: a folder in the data directory; or s3://bucket.")
     dask_scheduler: str = Field(default="", description="tcp://host:port of a running cluster; default: a local one.")
     workers: int = Field(default_factory=lambda: max(1, os.cpu_count() or 1), ge=1, description="Jobs at a time.")
-    request_workers: int = Field(default=2, ge=1, description="Computations at a time that requests wait for.")
+    request_workers: int = Field(
+        default=4, ge=1, description="Computations at a time that requests wait for; one of several reads no files."
+    )
     max_upload_bytes: int = Field(default=4_000 * MEGABYTE, ge=1, description="Largest recording.")
     max_body_bytes: int = Field(default=32 * MEGABYTE, ge=1, description="Largest body of any other request.")
     request_threads: int = Field(default=8, ge=1, description="Requests at a time that read or write the database.")

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import anyio
 import pytest
 from alembic import command
 from fastapi.testclient import TestClient
@@ -168,6 +169,53 @@ def test_an_upload_that_does_not_say_its_length_is_refused_as_it_comes_in(key: C
     status, told = answered(key(bytes=1_000_000), {"transfer-encoding": "chunked"}, parts())
     assert (status, b"quota-of-storage-used-up" in told) == (507, True)
     assert sent < 2_000_000
+    assert files_in(services.settings.uploads_dir) == set()
+
+
+@pytest.mark.parametrize("announced", [True, False])
+def test_uploads_on_their_way_count_so_that_many_at_once_take_no_more_than_is_left(
+    key: Call, app: TestClient, services: Services, announced: bool
+) -> None:
+    client, size, most = key(bytes=1_000_000), 400_000, 4
+    assert app.portal is not None
+    statuses: list[int] = []
+
+    async def send_together() -> None:
+        come_on = anyio.Event()
+
+        async def send_one() -> None:
+            sent = 0
+
+            async def receive() -> dict[str, Any]:
+                nonlocal sent
+                head = b'--b\r\ncontent-disposition: form-data; name="file"; filename="f"\r\n\r\n' if not sent else b""
+                if sent >= size // 2:
+                    await come_on.wait()
+                sent += 50_000
+                return {"type": "http.request", "body": head + b"x" * 50_000, "more_body": sent < size}
+
+            async def send(message: Any) -> None:
+                if message["type"] == "http.response.start":
+                    statuses.append(message["status"])
+
+            length = {"content-length": str(size + 100)} if announced else {"transfer-encoding": "chunked"}
+            told = {"host": "127.0.0.1", "content-type": FORM, "x-api-key": client.headers["x-api-key"], **length}
+            headers = [(name.encode(), value.encode()) for name, value in told.items()]
+            scope = {"type": "http", "method": "POST", "path": "/v1/measurements", "query_string": b"", "root_path": ""}
+            await client.app({**scope, "headers": headers, "scheme": "http"}, receive, send)
+
+        async with anyio.create_task_group() as group:
+            for _ in range(most):
+                group.start_soon(send_one)
+            with anyio.fail_after(10):
+                while announced and len(statuses) < most - 2:
+                    await anyio.sleep(0.01)
+            if announced:  # before any came to its end
+                assert statuses == [507] * (most - 2)
+            come_on.set()
+
+    app.portal.call(send_together)
+    assert sorted(statuses) == [422, 422, 507, 507]  # those that were taken are no forms that end
     assert files_in(services.settings.uploads_dir) == set()
 
 

@@ -16,15 +16,16 @@ from dynident_service.models.imports import MeasurementOfImport
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView, RawSignals, Standstills
 from dynident_service.problems import ProblemError, ProblemField, not_found, unusable, validation_problem
 from dynident_service.routes.common import RetryKey, RetryKeyDep, again, make, stated
+from dynident_service.routes.forms import FormRoute
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed
-from dynident_service.routes.uploads import MEDIA_TYPES, media_type_of, receive, require_room, sha256_of
+from dynident_service.routes.uploads import MEDIA_TYPES, media_type_of, receive, require_room_for, sha256_of
 from dynident_service.science import importing
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
 from dynident_service.storage.tombstones import ObjectGone
 
-router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
+router = APIRouter(prefix="/v1/measurements", tags=["measurements"], route_class=FormRoute)
 
 JSON_BODY = {
     "requestBody": {
@@ -89,7 +90,7 @@ async def checked(
     """Check a file and store it, unless an earlier try did, which made the resource."""
     if isinstance(received, Resource):
         return show(again(received, response))
-    result = await services.awaited.call(request, IMPORT, dict, received.to_import(), LONGEST_IMPORT)
+    result = await services.awaited.call(request, IMPORT, dict, received.to_import(), LONGEST_IMPORT, is_long=True)
     return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
 
 
@@ -102,7 +103,7 @@ def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key:
         detail = f"there is no import {asked.import_id!r}; they are kept for a day: upload the file again"
         raise unusable(detail, "/import_id", title="Unknown resource")
     original = found.objects["original"]
-    require_room(services, folder, original.size)
+    require_room_for(services, original.size)
     with source.open("wb") as target:
         for part in services.objects.stream(original.key):
             target.write(part)

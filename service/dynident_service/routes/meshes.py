@@ -13,6 +13,7 @@ from fastapi import APIRouter, File, Request, Response, UploadFile
 from dynident_service.models.geometry import GeometryView, PosesView, PosturesRequest
 from dynident_service.models.robots import MeshesView
 from dynident_service.problems import unusable
+from dynident_service.routes.forms import FormRoute
 from dynident_service.routes.needs import needed
 from dynident_service.routes.uploads import receive
 from dynident_service.science import importing
@@ -20,7 +21,7 @@ from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.meshes import GEOMETRY, meshes_of, named_meshes, role_of
 from dynident_service.storage.records import Owned
 
-router = APIRouter(prefix="/v1/robots", tags=["robots"])
+router = APIRouter(prefix="/v1/robots", tags=["robots"], route_class=FormRoute)
 
 TAKE = "dynident_service.work.awaited:take_meshes"
 
@@ -142,7 +143,7 @@ async def _taken(
             "destination": str(geometry),
         }
 
-    found = await services.awaited.call(request, TAKE, dict, await to_thread.run_sync(asked))
+    found = await services.awaited.call(request, TAKE, dict, await to_thread.run_sync(asked), is_long=True)
 
     def stored() -> Taken:
         files, put = dict(kept), services.resources.put_as

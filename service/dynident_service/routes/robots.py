@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
+from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from anyio import CapacityLimiter, to_thread
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Depends, Request, Response
 from fastapi.responses import FileResponse
-from starlette.background import BackgroundTask
 
-from dynident_service.limits import take_long
+from dynident_service.limits import party_of_request, take_long
 from dynident_service.models.common import plain
 from dynident_service.models.robots import RobotRequest, RobotView
+from dynident_service.problems import ProblemError
 from dynident_service.routes.common import RetryKeyDep, make
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.meshes import inherited
+from dynident_service.routes.uploads import require_room_for
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.bundle import export_robot
 from dynident_service.storage.meshes import named_meshes
@@ -59,24 +59,35 @@ keep(
 )
 
 
+async def bundle_folder(request: Request, services: ServicesDep) -> AsyncIterator[Path]:
+    """Give a folder for a bundle, until its client has read it; a problem 429 where too many are read."""
+    party, places = party_of_request(request.scope), services.bundles
+    if not places.may_take(party):
+        detail = (
+            f"{places.held[party]} bundles are read by you, of {places.total} at a time, of which some stay free for "
+            "others; read one after the other."
+        )
+        raise ProblemError(429, detail, title="Too busy")
+    places.take(party)
+    try:
+        with services.scratch() as folder:
+            yield folder
+    finally:
+        places.give_back(party)
+
+
 @router.get("/{robot_id}/bundle", response_class=FileResponse, responses=FILE)
-async def get_robot_bundle(robot_id: str, request: Request, services: ServicesDep) -> FileResponse:
+async def get_robot_bundle(
+    robot_id: str, request: Request, services: ServicesDep, folder: Annotated[Path, Depends(bundle_folder)]
+) -> FileResponse:
     """Give a robot with its recordings, models, diagnoses and reports as one ZIP, but for what is still computed."""
     take_long(request.scope)
-    path = await to_thread.run_sync(_write, services, robot_id, limiter=CapacityLimiter(1))
-    return FileResponse(
-        path, media_type=ZIP, filename=f"{robot_id}.zip", background=BackgroundTask(shutil.rmtree, path.parent)
-    )
+    path = folder / "bundle.zip"
+    await to_thread.run_sync(_write, services, robot_id, path, limiter=CapacityLimiter(1))
+    return FileResponse(path, media_type=ZIP, filename=f"{robot_id}.zip")
 
 
-def _write(services: Services, robot_id: str) -> Path:
+def _write(services: Services, robot_id: str, path: Path) -> None:
     services.resources.get("robot", robot_id)
-    folder = services.settings.uploads_dir
-    folder.mkdir(parents=True, exist_ok=True)
-    path = Path(tempfile.mkdtemp(dir=folder)) / "bundle.zip"
-    try:
-        export_robot(services.database, services.objects, robot_id, path)
-    except BaseException:
-        shutil.rmtree(path.parent)
-        raise
-    return path
+    require_room_for(services, 0)
+    export_robot(services.database, services.objects, robot_id, path)
