@@ -176,6 +176,13 @@ class Ledger:
                 raise ProblemError(409, detail, title="Already finished")
             return as_job(row)
 
+    def cancel_of_resources(self, identifiers: Sequence[str]) -> None:
+        """Ask for the jobs of resources to be stopped, all of them or none; those that ended are left as they are."""
+        with self._database.write() as session:
+            moment = clock(session)
+            for start in range(0, len(identifiers), AT_ONCE):
+                turns.cancel_all(session.connection(), identifiers[start : start + AT_ONCE], moment)
+
     def get(self, job_id: str) -> Job:
         """Read one job; a problem 404 if there is none."""
         with self._database.read() as session:

@@ -99,6 +99,12 @@ _END = (
     .values(state=bindparam("ended"), lease_until=None, finished_at=bindparam("moment"), error=bindparam("problem"))
 )
 _COUNT_UP = update(JOBS).where(_THIS).values(deaths=bindparam("died"), losses=bindparam("lost"))
+_THESE = JOBS.c.resource_id.in_(bindparam("resources", expanding=True))
+_CANCEL_QUEUED = (
+    update(JOBS).where(_THESE, _QUEUED).values(state="cancelled", finished_at=bindparam("moment")).returning(JOBS.c.id)
+)
+_CANCEL_RUNNING = update(JOBS).where(_THESE, _RUNNING).values(cancel_requested=True)
+_FORGET_ALL = delete(CHECKPOINTS).where(CHECKPOINTS.c.job_id.in_(bindparam("jobs", expanding=True)))
 _FORGET = delete(CHECKPOINTS).where(CHECKPOINTS.c.job_id == bindparam("job"))
 
 
@@ -208,6 +214,15 @@ def bury(session: Session, row: Row[object], most: int, reason: str, *, deaths: 
     else:
         detail = f"The job was given up after {times} attempts: the last time {reason}."
         end(session, row.id, "failed", make_problem(500, detail, title="Job given up"))
+
+
+def cancel_all(connection: Connection, resources: Sequence[str], moment: datetime) -> None:
+    """Ask for the jobs of resources to be stopped; those that have not begun end at once, those that ended stay."""
+    ended = list(connection.execute(_CANCEL_QUEUED, {"resources": resources, "moment": moment}).scalars())
+    # What another service took meanwhile runs by now.
+    connection.execute(_CANCEL_RUNNING, {"resources": resources})
+    connection.execute(_FORGET_ALL, {"jobs": ended})
+    _say(connection, ended, {"state": "cancelled"})
 
 
 def end(session: Session, job_id: str, state: State, problem: Problem | None = None) -> None:
