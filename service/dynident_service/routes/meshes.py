@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, File, Request, Response, UploadFile
 
+from dynident_service.models.common import MOST_ITEMS
 from dynident_service.models.geometry import GeometryView, PosesView, PosturesRequest
 from dynident_service.models.robots import MeshesView
 from dynident_service.problems import unusable
@@ -41,7 +42,10 @@ async def put_meshes(
     robot_id: str,
     request: Request,
     services: ServicesDep,
-    files: Annotated[list[UploadFile], File(description="STL, OBJ, DAE or PLY, named as the description names them")],
+    files: Annotated[
+        list[UploadFile],
+        File(max_length=MOST_ITEMS, description="STL, OBJ, DAE or PLY, named as the description names them"),
+    ],
 ) -> MeshesView:
     """Give a robot the files of meshes that its description names; those that it has stay unless they come anew.
 
