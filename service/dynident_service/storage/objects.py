@@ -19,6 +19,8 @@ from obstore.store import LocalStore, from_url
 from dynident_service.problems import ProblemError
 
 CHUNK = 8 * 1024 * 1024
+PIECE = 256 * 1024
+"""Bytes that an object is read by for a client: each that reads slowly holds some of them in memory."""
 """Bytes read or uploaded at once; S3 takes no parts below 5 MiB."""
 PROBE = b"dynident"
 """What is put and read again to see whether the store works."""
@@ -93,7 +95,7 @@ class ObjectStore:
             found = obstore.get(self._store, _path(key))
         except FileNotFoundError as error:
             raise missing(key) from error
-        return _checked(found.stream(min_chunk_size=CHUNK), key)
+        return _checked(found.stream(min_chunk_size=PIECE), key)
 
     def path(self, key: str) -> Path:
         """Give a local file with the object: the object itself in a local store, else a copy in the cache.
