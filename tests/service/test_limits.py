@@ -6,6 +6,7 @@ import json
 import socket
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
@@ -323,3 +324,41 @@ def test_those_who_follow_a_job_are_behind_those_who_came_before_them(tmp_path: 
         assert began == paths
 
     anyio.run(together)
+
+
+def test_who_reads_nothing_keeps_no_place_among_the_short_and_leaves_places_to_another(tmp_path: Any) -> None:
+    settings = Settings(data_dir=tmp_path, max_requests=20, request_threads=1)
+    begun: Counter[str] = Counter()
+    refused: Counter[str] = Counter()
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        begun[scope["party"]] += 1
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await anyio.sleep_forever()
+
+    admission = Admission(app, settings, party_of=lambda scope: scope["party"])
+
+    async def ask(party: str) -> None:
+        async def receive() -> Any:
+            return {"type": "http.request", "body": b"", "more_body": False}
+
+        async def send(message: Any) -> None:
+            refused[party] += message.get("status") == 429
+
+        scope = {"type": "http", "path": "/v1/robots", "method": "GET", "headers": [], "party": party}
+        await admission(scope, receive, send)
+
+    async def together() -> None:
+        async with anyio.create_task_group() as group:
+            for party in ["greedy"] * 20 + ["other"]:
+                group.start_soon(ask, party)
+                await anyio.sleep(0.001)
+            with anyio.fail_after(10):
+                while not begun["other"]:
+                    await anyio.sleep(0.01)
+            group.cancel_scope.cancel()
+
+    anyio.run(together)
+    assert begun == {"greedy": 15, "other": 1}  # more than the eight that may wait to be answered
+    assert refused["greedy"] == 5
+    assert not refused["other"]

@@ -19,9 +19,9 @@ from obstore.store import LocalStore, from_url
 from dynident_service.problems import ProblemError
 
 CHUNK = 8 * 1024 * 1024
+"""Bytes read or uploaded at once; S3 takes no parts below 5 MiB."""
 PIECE = 256 * 1024
 """Bytes that an object is read by for a client: each that reads slowly holds some of them in memory."""
-"""Bytes read or uploaded at once; S3 takes no parts below 5 MiB."""
 PROBE = b"dynident"
 """What is put and read again to see whether the store works."""
 PROBE_KEY = hashlib.sha256(PROBE).hexdigest()
