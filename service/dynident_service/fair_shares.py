@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import ipaddress
 from collections import Counter
-from collections.abc import AsyncIterator, MutableMapping
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from typing import Any
 
 import anyio
+from starlette.types import Scope
 
 TIMES_THE_REST = 3
 """A party that has places may take another while it has fewer than so many times those that would stay free: alone it
@@ -27,7 +27,7 @@ def party_of_key(name: str) -> str:
     return f"key {name}"
 
 
-def party_of_address(scope: MutableMapping[str, Any]) -> str:
+def party_of_address(scope: Scope) -> str:
     """Name the party that a request comes from where no key says who sent it."""
     client = scope.get("client")
     return f"address {_subscriber(client[0]) if client else ''}"

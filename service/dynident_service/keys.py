@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import secrets
 import time
-from collections.abc import MutableMapping
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
-from typing import Any, Literal, cast
+from typing import Literal, cast
 
 from sqlalchemy import delete, select, update
 from starlette.datastructures import Headers
+from starlette.types import Scope as RequestScope
 
 from dynident_service.fair_shares import party_of_address, party_of_key
 from dynident_service.settings import Settings
@@ -123,7 +123,7 @@ class KeyRing:
             self._names[hashed] = holder.name
         return holder
 
-    def party_of(self, scope: MutableMapping[str, Any]) -> str:
+    def party_of(self, scope: RequestScope) -> str:
         """Name the party that a request comes from: its key where that was used before, else its address."""
         key = key_in(Headers(scope=scope))
         name = None if key is None else self._names.get(hash_of(key))

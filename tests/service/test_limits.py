@@ -19,7 +19,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import app_of, serving, wait_for
 
-from dynident_service.limits import MOST_A_THREAD, MOST_VALUES, Admission, take_long
+from dynident_service.limits import MOST_A_THREAD, MOST_VALUES, Admission, charge_key, take_long
 from dynident_service.settings import Settings
 
 FORM = "multipart/form-data; boundary=x"
@@ -362,3 +362,30 @@ def test_who_reads_nothing_keeps_no_place_among_the_short_and_leaves_places_to_a
     assert begun == {"greedy": 15, "other": 1}  # more than the eight that may wait to be answered
     assert refused["greedy"] == 5
     assert not refused["other"]
+
+
+def test_what_a_key_sends_takes_no_place_of_its_address_once_the_key_is_known(tmp_path: Any) -> None:
+    begun = 0
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        nonlocal begun
+        begun += 1
+        charge_key(scope, "cell")
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await anyio.sleep_forever()
+
+    admission = Admission(app, Settings(data_dir=tmp_path, max_requests=4))  # of which one party may have three
+
+    async def nothing(*_: Any) -> Any:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def together() -> None:
+        async with anyio.create_task_group() as group:
+            for _ in range(4):
+                scope = {"type": "http", "path": "/", "method": "GET", "headers": [], "client": ("192.0.2.1", 1)}
+                group.start_soon(admission, scope, nothing, nothing)
+                await anyio.sleep(0.01)
+            assert begun == 4
+            group.cancel_scope.cancel()
+
+    anyio.run(together)

@@ -291,6 +291,21 @@ def test_a_key_sees_what_it_uses_and_one_that_allows_everything_sees_all(key: Ca
     assert (seen[own["key"]], seen[None]["jobs"]["allowed"]) == (own, None)
 
 
+def test_a_request_counts_for_its_key_once_that_was_used_and_for_its_address_before(key: Call, app: TestClient) -> None:
+    client = key()
+
+    def party(sent: str) -> str:
+        headers = [(b"x-api-key", sent.encode())]
+        return str(app.app.state.keys.party_of({"headers": headers, "client": ("192.0.2.1", 1)}))  # type: ignore[attr-defined]
+
+    sent = client.headers["x-api-key"]
+    assert party(sent) == "address 192.0.2.1"
+    assert client.get("/v1/usage").status_code == 200
+    assert party(sent) == f"key {client.headers['user-agent']}"
+    assert app.get("/v1/usage", headers={"x-api-key": "guessed"}).status_code == 401
+    assert party("guessed") == "address 192.0.2.1"
+
+
 def test_the_command_to_make_a_key_gives_it_limits_and_lists_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -18,7 +18,7 @@ from dynident_service.services import services_of
 class FormRoute(APIRoute):
     """A route whose forms have their files in a folder that is gone with the request."""
 
-    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+    def get_route_handler(self) -> Callable[[Request], Coroutine[object, object, Response]]:
         """Give what answers a request."""
         answer = super().get_route_handler()
 
