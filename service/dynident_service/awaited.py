@@ -13,18 +13,19 @@ import anyio
 from anyio import to_thread
 from fastapi import Request
 
+from dynident_service.fair_shares import SharedPlaces, SharedQueue, Ticket
 from dynident_service.jobs.calls import Answer, Call
 from dynident_service.jobs.confinement import Confinement, Limits
 from dynident_service.jobs.nursery import Exit, Nursery
 from dynident_service.jobs.pool import Child, ChildPool
 from dynident_service.jobs.vitals import processor_time
-from dynident_service.limits import take_long
+from dynident_service.limits import party_of_request, take_long
 from dynident_service.problems import ProblemError
 
 T = TypeVar("T")
 
 MOST_WAITING = 30
-"""Requests that may wait for a process; one more is told to come back."""
+"""Requests that may wait for a process or have one, shared by key; one more is told to come back."""
 LOOK = 0.25
 """How often, in seconds, it is looked whether the client is still there."""
 STUCK_SECONDS = 4.0
@@ -33,14 +34,16 @@ damaged file. None of ours keeps the interpreter for a second."""
 
 
 class Awaited:
-    """Has children compute for requests, as many at a time as there are children."""
+    """Has children compute for requests, as many at a time as there are children.
+
+    They are shared by key, and one of several is kept for short computations.
+    """
 
     def __init__(self, size: int, nursery: Nursery, confinement: Confinement | None = None) -> None:
-        self._size = size
         self._pool = ChildPool(size, nursery, confinement)
-        self._waiting = 0
-        self._turns: anyio.Semaphore | None = None
-        self._threads: anyio.CapacityLimiter | None = None
+        self._waiting = SharedPlaces(MOST_WAITING)
+        self._queue = SharedQueue(size)
+        self._threads = anyio.CapacityLimiter(size)
 
     async def call(
         self,
@@ -49,27 +52,33 @@ class Awaited:
         gives: type[T],
         arguments: Mapping[str, object],
         limits: Limits | None = None,
+        *,
+        is_long: bool = False,
     ) -> T:
-        """Compute what a function gives, within limits.
+        """Compute what a function gives, within limits; `is_long` says that it reads a file, which may take long.
 
         A problem 429 if too many wait, 503 if it takes too long, and whatever problem comes out.
         Where the client leaves, the process is killed.
         """
-        if self._waiting >= MOST_WAITING:
-            raise ProblemError(429, f"More than {MOST_WAITING} requests are computed; try again.", title="Too busy")
-        if self._turns is None:
-            self._turns, self._threads = anyio.Semaphore(self._size), anyio.CapacityLimiter(self._size)
+        party = party_of_request(request.scope)
+        if not self._waiting.may_take(party):
+            detail = (
+                f"{self._waiting.held[party]} of your requests are computed or wait for it, of {MOST_WAITING} that "
+                "may, of which some stay free for others; try again."
+            )
+            raise ProblemError(429, detail, title="Too busy")
         take_long(request.scope)
         over = threading.Event()
         found: Answer | None = None
-        self._waiting += 1
+        ticket = Ticket(party, is_long)
+        self._waiting.take(party)
         try:
-            async with _while_client_waits(request, over), self._turns:
+            async with _while_client_waits(request, over), self._queue.turn_of(ticket):
                 found = await to_thread.run_sync(
                     self._compute, Call(function, arguments, limits=limits or Limits()), over, limiter=self._threads
                 )
         finally:
-            self._waiting -= 1
+            self._waiting.give_back(party)
         if found is None:
             raise ProblemError(408, "The client left before its answer was there.", title="Client left")
         if found.problem is not None:

@@ -10,7 +10,10 @@ from datetime import datetime, timedelta
 from typing import Literal, cast
 
 from sqlalchemy import delete, select, update
+from starlette.datastructures import Headers
+from starlette.types import Scope as RequestScope
 
+from dynident_service.fair_shares import party_of_address, party_of_key
 from dynident_service.settings import Settings, hash_of
 from dynident_service.storage.database import Database, clock
 from dynident_service.storage.quotas import UNLIMITED, Limits
@@ -84,6 +87,14 @@ def list_keys(database: Database) -> list[Holder]:
         return [_holder(row) for row in session.scalars(select(KeyRow).order_by(KeyRow.name, KeyRow.created_at))]
 
 
+def key_in(headers: Headers) -> str | None:
+    """Take the key of a request from its headers; `None` where it has none."""
+    scheme, _, token = headers.get("authorization", "").partition(" ")
+    if scheme.lower() == "bearer" and token:
+        return token.strip()
+    return headers.get("x-api-key")
+
+
 class KeyRing:
     """Tells whether a key is known, and what it allows."""
 
@@ -91,6 +102,8 @@ class KeyRing:
         self._configured = {key.get_secret_value() for key in settings.api_keys}
         self._database = database
         self._noted: dict[str, float] = {}
+        self._names: dict[str, str] = {}
+        """Of the keys that were used, by their hashes: for who is counted before the database is asked."""
 
     def is_empty(self) -> bool:
         """Tell whether there is no key at all, so that nobody could ever enter."""
@@ -102,6 +115,18 @@ class KeyRing:
     def holder_of(self, key: str) -> Holder | None:
         """Give who uses a key, and note from time to time that it is used; `None` where it is not known."""
         hashed = hash_of(key)
+        holder = self._look_up(hashed)
+        if holder is not None:
+            self._names[hashed] = holder.name
+        return holder
+
+    def party_of(self, scope: RequestScope) -> str:
+        """Name the party that a request comes from: its key where that was used before, else its address."""
+        key = key_in(Headers(scope=scope))
+        name = None if key is None else self._names.get(hash_of(key))
+        return party_of_address(scope) if name is None else party_of_key(name)
+
+    def _look_up(self, hashed: str) -> Holder | None:
         if any(secrets.compare_digest(hashed, one) for one in self._configured):
             return Holder("DYNIDENT_API_KEYS")
         with self._database.read() as session:

@@ -11,7 +11,8 @@ from anyio import to_thread
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from dynident_service.keys import Holder, KeyRing, needed_scope
+from dynident_service.keys import Holder, KeyRing, key_in, needed_scope
+from dynident_service.limits import charge_key
 from dynident_service.metrics import Metrics
 from dynident_service.problem_responses import respond
 from dynident_service.problems import Problem, make_problem
@@ -48,7 +49,7 @@ class Gate:
         if self._settings.needs_keys:
             if scope["path"] == "/" or scope["path"].startswith(PAGE):
                 return await self._app(scope, receive, send)  # the page holds no data, and asks for the key itself
-            key = _key_in(headers)
+            key = key_in(headers)
             holder = None if key is None else await to_thread.run_sync(self._keys().holder_of, key)
             refused = _refusal(holder, scope["method"], scope["path"])
             if refused is not None:
@@ -56,6 +57,7 @@ class Gate:
                 return await respond(refused, challenge)(scope, receive, send)
             scope[HOLDER] = holder
             assert holder is not None
+            charge_key(scope, holder.name)
             act_for(Account(holder.name, holder.limits.or_else(self._limits)))
         elif not is_loopback(_host(headers.get("host", ""))):
             detail = "Without API keys the service answers to localhost alone; set DYNIDENT_REQUIRE_KEYS to open it."
@@ -141,13 +143,6 @@ class Timing:
             # The template, not the path: one series a route, not one a resource.
             route = getattr(scope.get("route"), "path", "none")
             self._metrics.count(scope["method"], route, noted.status, time.perf_counter() - started)
-
-
-def _key_in(headers: Headers) -> str | None:
-    scheme, _, token = headers.get("authorization", "").partition(" ")
-    if scheme.lower() == "bearer" and token:
-        return token.strip()
-    return headers.get("x-api-key")
 
 
 def _host(header: str) -> str:

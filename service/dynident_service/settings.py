@@ -15,6 +15,9 @@ from dynident.errors import DynidentError
 from dynident_service.environment import is_secret
 
 MEGABYTE = 1_000_000
+LARGEST_BATCH = 10_000
+"""Identifications that one request may ask for whatever the setting: all are stored in one transaction, for which all
+who write wait."""
 
 
 class LogSettings(BaseSettings):
@@ -37,16 +40,21 @@ class Settings(LogSettings):
     object_store_url: str = Field(default="", description="Default: a folder in the data directory; or s3://bucket.")
     dask_scheduler: str = Field(default="", description="tcp://host:port of a running cluster; default: a local one.")
     workers: int = Field(default_factory=lambda: max(1, os.cpu_count() or 1), ge=1, description="Jobs at a time.")
-    request_workers: int = Field(default=2, ge=1, description="Computations at a time that requests wait for.")
+    request_workers: int = Field(
+        default=4, ge=1, description="Computations at a time that requests wait for; one of several reads no files."
+    )
     max_upload_bytes: int = Field(default=4_000 * MEGABYTE, ge=1, description="Largest recording.")
     max_body_bytes: int = Field(default=32 * MEGABYTE, ge=1, description="Largest body of any other request.")
     request_threads: int = Field(default=8, ge=1, description="Requests at a time that read or write the database.")
     max_connections: int = Field(default=500, ge=1, description="Connections at a time.")
     max_requests: int = Field(default=100, ge=1, description="Requests at a time, but for those that follow a job.")
     max_followers: int = Field(default=200, ge=1, description="Requests at a time that follow a job.")
-    max_batch: int = Field(default=1000, ge=1, description="Identifications that one request may ask for.")
+    max_batch: int = Field(
+        default=1000, ge=1, le=LARGEST_BATCH, description="Identifications that one request may ask for."
+    )
     header_timeout_seconds: float = Field(default=20.0, gt=0, description="How long a request may take to begin.")
     body_timeout_seconds: float = Field(default=30.0, gt=0, description="How long a body may not come on.")
+    answer_timeout_seconds: float = Field(default=30.0, gt=0, description="How long nothing of an answer may be taken.")
     slowest_upload_bytes_per_second: float = Field(default=10_000.0, gt=0, description="A body must come as fast.")
     reserved_bytes: int = Field(default=100 * MEGABYTE, ge=0, description="Room on the disk that uploads leave free.")
     quota_bytes: int = Field(default=0, ge=0, description="Of recordings and meshes that a key may have; 0: any.")

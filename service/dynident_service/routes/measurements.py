@@ -21,14 +21,15 @@ from dynident_service.models.imports import MeasurementOfImport
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView, RawSignals, Standstills
 from dynident_service.problems import ProblemError, ProblemField, not_found, unusable, validation_problem
 from dynident_service.routes.common import RetryKey, RetryKeyDep, again, make, stated
+from dynident_service.routes.forms import FormRoute
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed
-from dynident_service.routes.uploads import MEDIA_TYPES, media_type_of, receive, require_room, sha256_of
+from dynident_service.routes.uploads import MEDIA_TYPES, media_type_of, receive, require_room_for, sha256_of
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
 from dynident_service.storage.tombstones import ObjectGone
 
-router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
+router = APIRouter(prefix="/v1/measurements", tags=["measurements"], route_class=FormRoute)
 
 JSON_BODY = {
     "requestBody": {
@@ -99,7 +100,7 @@ async def checked(
     if isinstance(received, Resource):
         return show(again(received, response))
     limits = Limits.for_files(received.source.stat().st_size)
-    result = await services.awaited.call(request, IMPORT, dict, received.to_import(), limits)
+    result = await services.awaited.call(request, IMPORT, dict, received.to_import(), limits, is_long=True)
     return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
 
 
@@ -112,7 +113,7 @@ def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key:
         detail = f"there is no import {asked.import_id!r}; they are kept for a day: upload the file again"
         raise unusable(detail, "/import_id", title="Unknown resource")
     original = found.objects["original"]
-    require_room(services, folder, original.size)
+    require_room_for(services, original.size)
     with source.open("wb") as target:
         for part in services.objects.stream(original.key):
             target.write(part)
@@ -270,7 +271,7 @@ async def get_raw_signals(
         arguments = {**sent, "signals": wanted, "start": start, "end": end, "points": points}
         size = Path(sent["source"]).stat().st_size
         largest = min(max(SMALLEST_ANSWER, DIGITS * size), LARGEST_ANSWER)
-        await to_thread.run_sync(require_room, services, folder, largest // 2)
+        await to_thread.run_sync(require_room_for, services, largest // 2)
         await services.awaited.call(
             request, RAW, NoneType, arguments, replace(Limits.for_files(size), file_bytes=largest)
         )
