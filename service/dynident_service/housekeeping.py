@@ -55,7 +55,9 @@ class Housekeeping:
 
     def round(self) -> None:
         """Do once all that is due."""
-        sweep_uploads(self._settings.uploads_dir, max(time.time() - ABANDONED, self._abandoned_before))
+        sweep_folder(self._settings.uploads_dir, max(time.time() - ABANDONED, self._abandoned_before))
+        # Those of processes that run may be of any age.
+        sweep_folder(self._settings.processes_dir, self._abandoned_before)
         if self._abandoned_before and self._examined is None:
             self._remove_what_was_being_written()
         forget_imports(self._database, timedelta(seconds=KEPT))
@@ -93,8 +95,8 @@ class Housekeeping:
             self._stop.wait(EVERY)
 
 
-def sweep_uploads(folder: Path, before: float) -> None:
-    """Remove what has not changed since a time: uploads that were cut off by the end of the service."""
+def sweep_folder(folder: Path, before: float) -> None:
+    """Remove what has not changed since a time: what was cut off by the end of the service."""
     for left in folder.glob("*"):
         with suppress(FileNotFoundError):
             if left.stat().st_mtime >= before:

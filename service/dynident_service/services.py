@@ -92,7 +92,7 @@ def confine_readers(settings: Settings, objects: ObjectStore) -> Confinement:
     for folder in (uploads, objects.local_folder):
         folder.mkdir(parents=True, exist_ok=True)  # one that is made later could not be allowed
     folders = Folders(settings.data_dir.resolve(), (objects.local_folder,), (uploads,))
-    return Confinement(min(REQUEST_MEMORY, settings.job_memory), uploads, folders)
+    return Confinement(min(REQUEST_MEMORY, settings.job_memory), settings.processes_dir, folders)
 
 
 async def services_of(request: Request) -> Services:

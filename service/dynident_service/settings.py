@@ -115,6 +115,11 @@ class Settings(LogSettings):
         return self.data_dir.resolve() / "uploads"
 
     @property
+    def processes_dir(self) -> Path:
+        """Where child processes have their temporary files."""
+        return self.data_dir.resolve() / "processes"
+
+    @property
     def is_loopback(self) -> bool:
         """Whether only programs on this machine reach the service."""
         return is_loopback(self.host)

@@ -95,7 +95,7 @@ def test_it_has_no_descriptors_but_its_own(installation: Installation) -> None:
 
 def test_its_temporary_files_are_in_a_folder_of_its_own_that_goes_with_it(installation: Installation) -> None:
     folder = Path(installation.ask("temporary_folder"))
-    assert folder.parent == installation.settings.uploads_dir.resolve()
+    assert folder.parent == installation.settings.processes_dir
     assert folder.is_dir()
     with pytest.raises(ProblemError):
         installation.ask("compute", Limits(0.5), seconds=30)  # killed

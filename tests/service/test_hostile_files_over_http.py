@@ -91,8 +91,9 @@ class Watched:
         return answer
 
     def files(self) -> list[str]:
-        """What lies among the uploads, but for the folders of processes that run."""
-        return [path.name for path in (self.data / "uploads").rglob("*") if not path.name.startswith("process-")]
+        """What lies among the uploads and temporary files."""
+        folders = (self.data / "uploads", self.data / "processes")
+        return [str(path) for folder in folders for path in folder.rglob("*") if path.is_file()]
 
 
 @pytest.fixture(scope="module")

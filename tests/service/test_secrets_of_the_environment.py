@@ -98,7 +98,7 @@ def test_a_child_has_what_it_needs_and_not_the_keys(monkeypatch: pytest.MonkeyPa
     for name, value in {**SECRETS, "DYNIDENT_DATABASE_URL": "postgresql://user:word@host/name"}.items():
         monkeypatch.setenv(name, value)
     nursery = WithoutScience()
-    child = Child(nursery)
+    child = Child(nursery, Confinement())
     try:
         child.send(Call("small_jobs:variables", {"names": [*SECRETS, "DYNIDENT_DATABASE_URL", "PATH"]}))
         answer = wait_for(lambda: child.receive(1.0), timeout=60)

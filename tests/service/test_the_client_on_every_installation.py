@@ -190,6 +190,7 @@ def identified(client: Client, robot: Robot, runs: list[Measurement]) -> tuple[R
     batch = client.identifications.create_many([{**asked, "effects": [{"effect": one}]} for one in EFFECTS[1:]])
     assert [one.wait().status for one in batch.identifications] == ["succeeded"] * 2
     assert client.identifications.batch(batch).states["succeeded"] == 2
+    assert client.identifications.cancel_batch(batch).states["succeeded"] == 2  # nothing is left to be cancelled
     client.identifications.forget_batch(batch)
     diagnosis = client.diagnoses.create(model, candidates=["joint_spring", "offset"]).wait()
     assert diagnosis.result["candidates"][0]["effect"] == "joint_spring"

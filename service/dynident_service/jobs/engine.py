@@ -130,7 +130,7 @@ class Engine:
     def _workers(self) -> Crew | Cluster:
         address = self._settings.dask_scheduler
         if not address:
-            confinement = Confinement(self._settings.job_memory, self._settings.uploads_dir)
+            confinement = Confinement(self._settings.job_memory, self._settings.processes_dir)
             return Crew(self._settings.workers, self._nursery, self._place, self._ledger, confinement)
         from dynident_service.jobs.cluster import Cluster
 

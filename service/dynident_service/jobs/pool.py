@@ -108,7 +108,7 @@ def _make_scratch(folder: Path | None) -> Path | None:
     if folder is None:
         return None
     folder.mkdir(parents=True, exist_ok=True)
-    return Path(tempfile.mkdtemp(prefix="process-", dir=folder))
+    return Path(tempfile.mkdtemp(dir=folder))
 
 
 class ChildPool:
