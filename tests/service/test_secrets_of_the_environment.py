@@ -17,6 +17,7 @@ from service_helpers import free_port, wait_for
 
 from dynident_service import environment
 from dynident_service.jobs.calls import Answer, Call
+from dynident_service.jobs.confinement import Confinement
 from dynident_service.jobs.pool import Child
 from dynident_service.settings import Settings
 
