@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import io
 import json
-import lzma
 import pickle
 import resource
 import sqlite3
 import struct
-import sys
 import tempfile
 import time
 import zipfile
@@ -24,7 +22,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from mutations import (
     JOINT_STATE,
-    JOINTS,
     MJCF,
     MUTABLE_FILES,
     URDF,
@@ -246,9 +243,7 @@ def chunk_of_no_bytes() -> bytes:
     """A chunk with a checksum that is said to take no bytes: HDF5 subtracts those of the checksum and reads on."""
     values = np.arange(300.0)
     content = bytearray(
-        _hdf5(
-            lambda file: file.create_dataset("q1", data=values, chunks=(300,), fletcher32=True), libver="earliest"
-        )
+        _hdf5(lambda file: file.create_dataset("q1", data=values, chunks=(300,), fletcher32=True), libver="earliest")
     )
     # The tree's only key begins with the size of the chunk and the mask of its filters.
     key = struct.pack("<II", values.nbytes + 4, 0)
@@ -285,7 +280,9 @@ def _bag(*statements: str, messages: bool = True) -> bytes:
         base.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
         base.execute("INSERT INTO topics VALUES (1, '/joint_states', ?)", (JOINT_STATE,))
         if messages:
-            base.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
+            base.execute(
+                "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
+            )
         for statement in statements:
             base.execute(statement)
         base.commit()
@@ -318,7 +315,12 @@ def _bags() -> list[_Made]:
         ),
         ("message of 4 MB", "run.db3", _bag(large), "A message of /joint_states has 4200000 bytes"),
         ("message of text", "run.db3", _bag("INSERT INTO messages VALUES (1, 1, 1, 'text')"), "not stored as bytes"),
-        ("time that is none", "run.db3", _bag("INSERT INTO messages VALUES (1, 1, 'now', x'00')"), "the time of message"),
+        (
+            "time that is none",
+            "run.db3",
+            _bag("INSERT INTO messages VALUES (1, 1, 'now', x'00')"),
+            "the time of message",
+        ),
         ("chunk of a bag of ROS 1", "run.bag", _ros1_bomb(), "unpacks to 64 MB at once"),
     ]
 
@@ -385,7 +387,12 @@ def _mcap_files() -> list[_Made]:
         ("chunk that lies", "run.mcap", _mcap_chunk("zstd", 1000, zstd), "more than the 1000 bytes"),
         ("chunk of LZ4", "run.mcap", _mcap_chunk("lz4", 1000, lz4.frame.compress(zeros)), "more than the 1000 bytes"),
         ("chunk of 2**63 bytes", "run.mcap", _mcap_chunk("zstd", 2**63, zstd[:100]), "at once"),
-        ("type that holds itself", "run.mcap", _mcap("lbr_fri_msgs/LBRState a\n", "lbr_fri_msgs/msg/LBRState"), "itself"),
+        (
+            "type that holds itself",
+            "run.mcap",
+            _mcap("lbr_fri_msgs/LBRState a\n", "lbr_fri_msgs/msg/LBRState"),
+            "itself",
+        ),
         ("array of 10^9", "run.mcap", _mcap("float64[1000000000] q\n", franka), "holds 1000000000 numbers"),
         ("texts of 10^8", "run.mcap", _mcap("string[100000000] q\n", franka), "holds 100000000 numbers"),
         ("long definition", "run.mcap", _mcap("float64 q\n" * 40_000, franka), "has 400000 characters"),
@@ -420,7 +427,9 @@ def _meshes(outside: str) -> list[_Made]:
     deep = dae_file().replace(b"<scene>", b"<extra>" * 200 + b"</extra>" * 200 + b"<scene>")
     other = dae_file().replace(b'url="#part"', f'url="{outside}#part"'.encode())
     large = b"ply\nformat ascii 1.0\nelement vertex 4294967296\nproperty float x\nend_header\n0\n"
-    listing = b"ply\nformat binary_little_endian 1.0\nelement face 1\nproperty list uint int vertex_indices\nend_header\n"
+    listing = (
+        b"ply\nformat binary_little_endian 1.0\nelement face 1\nproperty list uint int vertex_indices\nend_header\n"
+    )
     return [
         ("glTF by its name", "part.gltf", elsewhere, "ends in '.gltf'"),
         ("glTF as STL", "part.stl", elsewhere, "no STL"),
@@ -463,7 +472,12 @@ def _descriptions() -> list[_Made]:
         ("line break in a name", "arm.json", (table % '"a\\nb"').encode(), "without control characters"),
         ("size of 1e300", "arm.xml", MJCF.replace('size=".1', 'size="1e300').encode(), "MuJoCo"),
         ("place of 1e300", "arm.xml", MJCF.replace('pos="0 0 .3"', 'pos="0 0 1e300"').encode(), "MuJoCo"),
-        ("other file", "arm.xml", MJCF.replace("<worldbody>", '<include file="b.xml"/><worldbody>').encode(), "include"),
+        (
+            "other file",
+            "arm.xml",
+            MJCF.replace("<worldbody>", '<include file="b.xml"/><worldbody>').encode(),
+            "include",
+        ),
     ]
 
 

@@ -163,7 +163,8 @@ MJCF = """<mujoco model="arm"><compiler angle="radian"/><option gravity="0 0 -9.
 
 URDF = """<robot name="arm"><link name="base"/>
 <link name="one"><inertial><mass value="2"/><inertia ixx=".1" ixy="0" ixz="0" iyy=".1" iyz="0" izz=".1"/></inertial>
-<collision><origin xyz="0 0 .1" rpy="0 .3 0"/><geometry><cylinder radius=".05" length=".3"/></geometry></collision></link>
+<collision><origin xyz="0 0 .1" rpy="0 .3 0"/><geometry><cylinder radius=".05" length=".3"/></geometry></collision>
+</link>
 <link name="two"><collision><geometry><box size=".1 .2 .3"/></geometry></collision></link>
 <joint name="shoulder" type="revolute"><parent link="base"/><child link="one"/><axis xyz="0 0 1"/>
 <limit lower="-2" upper="2" velocity="1" effort="5"/></joint>

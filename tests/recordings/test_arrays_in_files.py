@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.recordings import RecordingError, file_limits
+from dynident.recordings.formats import open_source
 from dynident.recordings.formats.opening import format_of
 
 scipy_io = pytest.importorskip("scipy.io")

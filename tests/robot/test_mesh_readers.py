@@ -22,7 +22,9 @@ def read(tmp_path, name: str, content: bytes):
 
 BIG = ply_file().replace(b"little", b"big")
 BIG = BIG[: BIG.index(b"end_header\n") + 11] + CORNERS.astype(">f4").tobytes()
-BIG += b"".join(b"\x03" + np.array(face, dtype=">i4").tobytes() for face in [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+BIG += b"".join(
+    b"\x03" + np.array(face, dtype=">i4").tobytes() for face in [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+)
 COLOURED = ply_file(binary=False).replace(b"property float z\n", b"property float z\nproperty uchar red\n")
 COLOURED = b"\n".join(
     line + (b" 255" if len(line.split()) == 3 and b" " in line and line[:1] in b"01" else b"")
@@ -68,7 +70,7 @@ def test_faces_of_four_corners_become_two_triangles(tmp_path):
 def test_a_dae_is_in_metres_where_its_nodes_stand_each_part_with_its_own_corners(tmp_path):
     content = dae_file().replace(b'meter="1"', b'meter="0.001"')
     node = (
-        b'<node><translate>10 0 0</translate><rotate>0 0 1 90</rotate><scale>2 2 2</scale>'
+        b"<node><translate>10 0 0</translate><rotate>0 0 1 90</rotate><scale>2 2 2</scale>"
         b'<instance_geometry url="#part"/></node></visual_scene>'
     )
     points, triangles = read(tmp_path, "part.dae", content.replace(b"</visual_scene>", node))
