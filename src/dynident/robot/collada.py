@@ -228,11 +228,11 @@ def _floats(text: str) -> FloatArray:
     try:
         return np.array(text.split(), dtype=np.str_).astype(np.float64)
     except ValueError:
-        raise ValueError(f"it has {ascii(text.strip()[:40])}, where numbers are expected") from None
+        raise ValueError(f"it has {text.strip()[:40]!a}, where numbers are expected") from None
 
 
 def _integers(text: str) -> NDArray[np.intp]:
     try:
         return np.array(text.split(), dtype=np.str_).astype(np.intp)
     except (ValueError, OverflowError):
-        raise ValueError(f"it has {ascii(text.strip()[:40])}, where whole numbers are expected") from None
+        raise ValueError(f"it has {text.strip()[:40]!a}, where whole numbers are expected") from None
