@@ -14,6 +14,7 @@ from dynident.recordings.columns import Layout
 from dynident.recordings.file_limits import TITLE, check_columns
 from dynident.recordings.types import RecordingError
 
+
 class RawRows(NamedTuple):
     """Rows of the file in SI: first_row counts data rows from 0; t (m,), segment (m,), values (m, c) by kinds."""
 
@@ -91,7 +92,7 @@ def _check_name(name: str) -> None:
     try:
         name.encode()
     except UnicodeEncodeError as error:
-        detail = f"The name {ascii(name)} of a column is no Unicode text; rename it."
+        detail = f"The name {name!a} of a column is no Unicode text; rename it."
         raise RecordingError(detail, title=TITLE) from error
 
 

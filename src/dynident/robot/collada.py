@@ -41,9 +41,8 @@ def triangles_of_dae(content: bytes) -> tuple[FloatArray, NDArray[np.intp]]:
     scene = _Scene(root)
     points: list[FloatArray] = []
     triangles: list[NDArray[np.intp]] = []
-    corners = count = 0
-    for placement, geometry in scene.instances():
-        count += 1
+    corners = 0
+    for count, (placement, geometry) in enumerate(scene.instances(), start=1):
         own_points, own_triangles = scene.triangles(geometry)
         points.append(own_points @ placement[:3, :3].T + placement[:3, 3])
         triangles.append(own_triangles + corners)
@@ -94,7 +93,7 @@ class _Scene:
         self._named = {element.attrib["id"]: element for element in root.iter() if "id" in element.attrib}
         self._read: dict[str, tuple[FloatArray, NDArray[np.intp]]] = {}
         unit = root.find("asset/unit")
-        metre = _values("1" if unit is None else unit.attrib.get("meter", "1"), float)
+        metre = _floats("1" if unit is None else unit.attrib.get("meter", "1"))
         self.metre = float(metre[0]) if len(metre) == 1 else np.nan
         if not 0.0 < self.metre < np.inf:
             raise ValueError("its unit is no length")
@@ -146,12 +145,12 @@ class _Scene:
         own = next((one for one in inputs if one.attrib.get("semantic") == "VERTEX"), None)
         if own is None:
             raise ValueError(f"its <{element.tag}> names no corners")
-        offsets = [int(_values(one.attrib.get("offset", "0"), int)[0]) for one in inputs]
+        offsets = [int(_integers(one.attrib.get("offset", "0"))[0]) for one in inputs]
         width, offset = max(offsets) + 1, offsets[inputs.index(own)]
         if not 0 <= offset < width <= len(inputs) + 16:
             raise ValueError(f"its <{element.tag}> has an input with the offset {max(offsets)}")
         points = self._positions(own)
-        lists = [_values(one.text or "", int)[offset::width] for one in element.findall("p")]
+        lists = [_integers(one.text or "")[offset::width] for one in element.findall("p")]
         triangles = _triangles(element, lists)
         if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(points)):
             raise ValueError(f"its <{element.tag}> names corner {int(triangles.max())} of {len(points)}")
@@ -166,11 +165,9 @@ class _Scene:
         accessor, array = source.find("technique_common/accessor"), source.find("float_array")
         if array is None:
             raise ValueError("its corners have no numbers")
-        numbers = _values(array.text or "", float)
+        numbers = _floats(array.text or "")
         named = {} if accessor is None else accessor.attrib
-        stride, first = (
-            int(_values(named.get(key, usual), int)[0]) for key, usual in (("stride", "3"), ("offset", "0"))
-        )
+        stride, first = (int(_integers(named.get(key, usual))[0]) for key, usual in (("stride", "3"), ("offset", "0")))
         if not (3 <= stride <= 64 and 0 <= first <= len(numbers)):
             raise ValueError(f"its corners stand {stride} numbers apart")
         count = (len(numbers) - first) // stride
@@ -181,7 +178,7 @@ class _Scene:
         name = element.attrib.get(attribute, "")
         target = self._named.get(name[1:]) if name.startswith("#") else None
         if target is None or target.tag != tag:
-            raise ValueError(f"it names {ascii(name[:80])}, and has no <{tag}> of that name")
+            raise ValueError(f"it names {name[:80]!a}, and has no <{tag}> of that name")
         return target
 
 
@@ -191,7 +188,7 @@ def _triangles(element: Element, lists: list[NDArray[np.intp]]) -> NDArray[np.in
     if element.tag == "triangles":
         return np.concatenate([empty, *(one[: len(one) // 3 * 3].reshape(-1, 3) for one in lists)])
     if element.tag == "polylist":
-        counts = _values(element.findtext("vcount") or "", int)
+        counts = _integers(element.findtext("vcount") or "")
         corners = np.concatenate([np.empty(0, np.intp), *lists])
         if len(counts) and (counts.min() < 0 or counts.max() > len(corners) or counts.sum() != len(corners)):
             raise ValueError("its <polylist> has not as many corners as its <vcount> says")
@@ -211,7 +208,7 @@ def _transform(element: Element) -> FloatArray:
     sizes = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
     if element.tag not in sizes:
         return transform
-    values = _values(element.text or "", float)
+    values = _floats(element.text or "")
     if len(values) != sizes[element.tag]:
         raise ValueError(f"its <{element.tag}> has {len(values)} numbers")
     if element.tag == "matrix":
@@ -227,8 +224,15 @@ def _transform(element: Element) -> FloatArray:
     return transform
 
 
-def _values(text: str, kind: type[int] | type[float]) -> NDArray[np.generic]:
+def _floats(text: str) -> FloatArray:
     try:
-        return np.array(text.split(), dtype=np.str_).astype(np.intp if kind is int else np.float64)
+        return np.array(text.split(), dtype=np.str_).astype(np.float64)
+    except ValueError:
+        raise ValueError(f"it has {text.strip()[:40]!a}, where numbers are expected") from None
+
+
+def _integers(text: str) -> NDArray[np.intp]:
+    try:
+        return np.array(text.split(), dtype=np.str_).astype(np.intp)
     except (ValueError, OverflowError):
-        raise ValueError(f"it has {ascii(text.strip()[:40])}, where numbers are expected") from None
+        raise ValueError(f"it has {text.strip()[:40]!a}, where whole numbers are expected") from None

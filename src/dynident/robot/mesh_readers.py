@@ -96,7 +96,7 @@ def _read_obj(content: bytes) -> Triangles:
         words = line.split()
         if words[:1] == [b"v"]:
             if len(words) < 4:
-                raise ValueError(f"it is no OBJ: a corner is {ascii(line[:80].decode('latin-1'))}")
+                raise ValueError(f"it is no OBJ: a corner is {line[:80].decode('latin-1')!a}")
             points += words[1:4]
         elif words[:1] == [b"f"]:
             # Counted from 1; from the end where they are negative.
@@ -119,7 +119,7 @@ def _read_ply(content: bytes) -> Triangles:
     for name, count, properties in _ply_elements(lines):
         # A row takes one byte at the least.
         if count > len(content) or not properties:
-            raise ValueError(f"its header names {count} of {ascii(name)}, more than the file can hold")
+            raise ValueError(f"its header names {count} of {name!a}, more than the file can hold")
         columns = rows.read(count, properties)
         if name == "vertex":
             if not {"x", "y", "z"} <= columns.keys():
@@ -145,10 +145,10 @@ def _ply_elements(lines: Sequence[Sequence[str]]) -> list[tuple[str, int, list[_
         elif line[:1] == ["property"] and elements and len(line) in (3, 5):
             kinds = [_PLY_KINDS.get(word) for word in (line[2:4] if line[1] == "list" else line[1:2])]
             if None in kinds or (line[1] == "list") != (len(line) == 5):
-                raise ValueError(f"its header has {ascii(' '.join(line)[:80])}")
+                raise ValueError(f"its header has {' '.join(line)[:80]!a}")
             elements[-1][2].append((line[-1], str(kinds[-1]), str(kinds[0]) if line[1] == "list" else ""))
         elif line[:1] in (["element"], ["property"]):
-            raise ValueError(f"its header has {ascii(' '.join(line)[:80])}")
+            raise ValueError(f"its header has {' '.join(line)[:80]!a}")
     return elements
 
 
@@ -189,8 +189,8 @@ class _BinaryRows:
     def read(self, count: int, properties: Sequence[_Property]) -> dict[str, Any]:
         """Give the next rows by their properties; lists as lists of places."""
         if not any(length for _, _, length in properties):
-            kind = np.dtype([(f"{k}", self._order + kind) for k, (_, kind, _) in enumerate(properties)])
-            table = self._next(kind, count)
+            row = np.dtype([(f"{k}", self._order + kind) for k, (_, kind, _) in enumerate(properties)])
+            table = self._next(row, count)
             return {name: table[f"{k}"] for k, (name, _, _) in enumerate(properties)}
         columns: dict[str, list[Any]] = {name: [] for name, _, _ in properties}
         for _ in range(count):

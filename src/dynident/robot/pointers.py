@@ -7,7 +7,6 @@ from collections.abc import Iterable
 
 from dynident.errors import DynidentError
 
-
 _CONTROL = ("Cc", "Cs", "Zl", "Zp")
 """Control characters, halves of characters, and separators of lines and paragraphs."""
 
@@ -29,7 +28,7 @@ def check_unicode(text: str, at: str, title: str) -> None:
         text.encode()
     except UnicodeEncodeError as error:
         line = text.count("\n", 0, error.start) + 1
-        detail = f"line {line}: {ascii(text[error.start])} is half of a character; write the text as UTF-8."
+        detail = f"line {line}: {text[error.start]!a} is half of a character; write the text as UTF-8."
         raise DynidentError(detail, pointer=at, title=title) from None
 
 
@@ -37,5 +36,5 @@ def check_name(name: str, at: str, title: str) -> None:
     """Refuse a name with line breaks or other control characters: names stand in headers of tables and in messages."""
     control = next((character for character in name if unicodedata.category(character) in _CONTROL), None)
     if control is not None:
-        detail = f"The name {ascii(name[:80])} holds {ascii(control)}; names are of one line, without control characters."
+        detail = f"The name {name[:80]!a} holds {control!a}; names are of one line, without control characters."
         raise DynidentError(detail, pointer=at, title=title)

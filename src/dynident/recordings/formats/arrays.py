@@ -83,7 +83,9 @@ def _rows(place: _Placed, first: int, last: int) -> FloatArray:
         return place.stored.read(first, last, place.axis).reshape(last - first, -1)
     except (OSError, RuntimeError, TypeError, ValueError, ArithmeticError) as error:
         raise RecordingError(
-            f"{place.stored.name} cannot be read from row {first + 1} on: {error}", pointer=place.stored.name, title=TITLE
+            f"{place.stored.name} cannot be read from row {first + 1} on: {error}",
+            pointer=place.stored.name,
+            title=TITLE,
         ) from error
 
 

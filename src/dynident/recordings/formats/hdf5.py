@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from dynident.arrays import FloatArray
+from dynident.recordings.file_limits import DEEPEST, MOST_OBJECTS, TITLE, check_columns, check_unpacked
 from dynident.recordings.formats.arrays import ArrayFileSource, StoredArray
 from dynident.recordings.formats.hdf5_storage import check_storage
-from dynident.recordings.file_limits import DEEPEST, MOST_OBJECTS, TITLE, check_columns, check_unpacked
 from dynident.recordings.types import RecordingError
 
 _NUMBERS = "fiub"
@@ -59,8 +59,9 @@ def _datasets(file: Any) -> Iterator[tuple[str, Any]]:
     while waiting:
         prefix, depth, group = waiting.pop()
         for key in group:
-            # A name that is no UTF-8 comes as bytes.
-            name = prefix + (key if isinstance(key, str) else key.decode(errors="replace"))
+            if isinstance(key, bytes):
+                raise RecordingError(f"The name {key[:80]!r} is no UTF-8 text; rename it.", title=TITLE)
+            name = prefix + key
             link = group.get(key, getlink=True)
             if isinstance(link, h5py.ExternalLink):
                 raise RecordingError(

@@ -15,8 +15,8 @@ from typing import IO
 
 import numpy as np
 
-from dynident.recordings.formats.arrays import ArrayFileSource, StoredArray
 from dynident.recordings.file_limits import DEEPEST, TITLE, check_columns, check_unpacked
+from dynident.recordings.formats.arrays import ArrayFileSource, StoredArray
 from dynident.recordings.formats.stored import Place, UnpackedFile
 from dynident.recordings.types import RecordingError
 

@@ -132,7 +132,8 @@ class _McapFile:
         waiting: list[tuple[int, int, tuple[Any, Any, Any]]] = []
         number = count()
         for stored in StreamReader(file, emit_chunks=True).records:
-            for record in self._unpack(stored) if isinstance(stored, Chunk) else [stored]:
+            records: list[Any] = self._unpack(stored) if isinstance(stored, Chunk) else [stored]
+            for record in records:
                 registry.add(record)
                 known = registry.find(record) if isinstance(record, Message) else None
                 if known is not None:

@@ -10,8 +10,8 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
 from numpy.lib import format as numpy_format
 
-from dynident.recordings.formats.arrays import ArrayFileSource, StoredArray
 from dynident.recordings.file_limits import TITLE, check_columns, check_unpacked
+from dynident.recordings.formats.arrays import ArrayFileSource, StoredArray
 from dynident.recordings.formats.stored import KnownLength, Place, UnpackedFile
 from dynident.recordings.types import RecordingError
 

@@ -41,13 +41,14 @@ class _BoundedPath:
 
 def _reader(path: Path) -> Any:
     """The package's reader, whose chunks stand in the file once each, and unpack within limits."""
+    from lz4.frame import decompress as decompress_lz4
     from rosbags.rosbag1 import Reader
-    from rosbags.rosbag1.reader import bz2_decompress, lz4_decompress
 
     unpacked = UnpackedSize(path.stat().st_size)
-    bounded = {bz2_decompress: _unpack_bz2, lz4_decompress: _unpack_lz4}
+    # By the functions that the package takes.
+    bounded = {bz2.decompress: _unpack_bz2, decompress_lz4: _unpack_lz4}
 
-    class BoundedReader(Reader):  # type: ignore[misc]
+    class BoundedReader(Reader):
         def read_chunk_info(self) -> Any:
             info = super().read_chunk_info()
             if any(info.pos == other for other in positions):
@@ -58,7 +59,7 @@ def _reader(path: Path) -> Any:
         def read_chunk(self) -> Any:
             chunk = super().read_chunk()
             unpack = bounded.get(chunk.decompressor)
-            if unpack is None:
+            if unpack is None:  # it is not compressed
                 check_chunk(chunk.datasize, "A chunk of the bag")
                 return chunk
 
@@ -71,7 +72,8 @@ def _reader(path: Path) -> Any:
             return chunk._replace(decompressor=decompress)
 
     positions: set[int] = set()
-    return BoundedReader(_BoundedPath(path))
+    file: Any = _BoundedPath(path)
+    return BoundedReader(file)
 
 
 def _unpack_bz2(data: bytes) -> bytes:

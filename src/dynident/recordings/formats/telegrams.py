@@ -85,9 +85,7 @@ def _numbers(telegram: bytes, number: int) -> dict[str, float]:
     try:
         root = ElementTree.fromstring(telegram)
     except ElementTree.ParseError as error:
-        raise RecordingError(
-            f"Telegram {number + 1} is no XML: {error}.", title=TITLE, row=number + 1
-        ) from error
+        raise RecordingError(f"Telegram {number + 1} is no XML: {error}.", title=TITLE, row=number + 1) from error
     found: dict[str, float] = {}
     for element in root.iter():
         texts = {f"{element.tag}.{key}": text for key, text in element.attrib.items()}
