@@ -18,13 +18,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynident.errors import DynidentError
 from dynident.regressors.model import Model
 
 NAME = "dynident identification"
 PRESENT = 3
-Arrays = dict[str, Any]
+Arrays = dict[str, NDArray[np.generic]]
 
 
 def read_ladder(content: bytes) -> list[Arrays]:
@@ -50,7 +51,7 @@ def read_ladder(content: bytes) -> list[Arrays]:
     return ladder
 
 
-def check_determined_base(model: Model, arrays: Mapping[str, Any], smallest_eigenvalue: float) -> None:
+def check_determined_base(model: Model, arrays: Mapping[str, NDArray[np.generic]], smallest_eigenvalue: float) -> None:
     """Raise DynidentError unless base parameters that a file does not store are determined as when it was written.
 
     Parameters
@@ -82,7 +83,7 @@ def _load(content: bytes) -> Arrays:
         return dict(file)
 
 
-def _header(arrays: Mapping[str, Any]) -> dict[str, Any]:
+def _header(arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, Any]:
     header: dict[str, Any] = json.loads(arrays["header"].tobytes())
     return header
 
