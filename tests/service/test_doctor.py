@@ -143,11 +143,11 @@ def test_a_file_that_kills_or_blocks_its_reader_is_told_and_the_next_is_read(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stored_files, "FUNCTION", "small_jobs:read_as_it_says")
-    monkeypatch.setattr(stored_files, "LONGEST", 8.0)
     monkeypatch.setattr(Nursery, "PROGRAM", WithoutScience.PROGRAM)
-    for what in ("dies", "hangs", "is read"):
-        store.resources.create(NewResource("robot", {"it": what}))
-    reader = stored_files.StoredFilesReader(store.objects)
-    with reader:
+    with stored_files.StoredFilesReader(store.objects) as reader:
+        assert reader.problem_of(store.resources.create(NewResource("robot", {"it": "is read"}))) is None
+        for what in ("dies", "hangs"):
+            store.resources.create(NewResource("robot", {"it": what}))
+        monkeypatch.setattr(stored_files, "LONGEST", 5.0)  # from here on each process begins at once
         details = {one.detail for one in examine(store.database, store.objects, problem_of=reader.problem_of)}
-    assert details == {"the process that read it died", "it was not read within 8 s"}
+    assert details == {"the process that read it died", "it was not read within 5 s"}

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dynident.diagnosis.comparing.stored import StoredComparison
-from dynident.diagnosis.series.storage import read_header
+from dynident.diagnosis.series.storage import check_days
 from dynident.errors import DynidentError
 from dynident.identification import from_bytes
 from dynident.recordings import open_recording
@@ -74,6 +74,6 @@ READERS: Mapping[tuple[str, str], Read] = {
     ("design", "trajectory"): design_of,
     ("comparison", "signals"): lambda request, result, path: StoredComparison(path),
     ("diagnosis", "evidence"): _read_evidence,
-    ("series", "days"): lambda request, result, path: read_header(path.read_bytes()),
+    ("series", "days"): lambda request, result, path: check_days(path.read_bytes()),
 }
 """By the kind of a resource and the role of its file; other files are given to users as they are."""

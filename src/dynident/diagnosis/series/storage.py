@@ -48,7 +48,7 @@ def days_from_bytes(measure: Measure, content: bytes) -> tuple[Day, ...]:
     DynidentError
         Where this is no such file, or the days were reduced for another model.
     """
-    header = read_header(content)
+    header = _header(content)
     if header["measure"] != measure.digest:
         raise DynidentError(
             "these days were reduced for another model, or without the temperatures; begin anew",
@@ -81,13 +81,17 @@ def resumed(identification: Identification, content: bytes) -> tuple[Measure, tu
         Where this is no such file, or the days were reduced for another model.
     """
     measure = what_may_change(identification)
-    if read_header(content)["measure"] != measure.digest:
+    if _header(content)["measure"] != measure.digest:
         measure = what_may_change(identification, with_temperature=True)
     return measure, days_from_bytes(measure, content)
 
 
-def read_header(content: bytes) -> dict[str, Any]:
-    """What a file of days says of itself; DynidentError where it is none that this version reads."""
+def check_days(content: bytes) -> None:
+    """Raise DynidentError where this is no file of days that this version reads."""
+    _header(content)
+
+
+def _header(content: bytes) -> dict[str, Any]:
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as file:
             header = json.loads(file["header"].tobytes())

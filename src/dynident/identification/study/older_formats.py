@@ -18,13 +18,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynident.errors import DynidentError
 from dynident.regressors.model import Model
 
 NAME = "dynident identification"
 PRESENT = 3
-Arrays = dict[str, Any]
+Arrays = dict[str, NDArray[np.generic]]
 
 
 def read_ladder(content: bytes) -> list[Arrays]:
@@ -50,8 +51,8 @@ def read_ladder(content: bytes) -> list[Arrays]:
     return ladder
 
 
-def check_determined_base(model: Model, arrays: Mapping[str, Any], smallest_eigenvalue: float) -> None:
-    """Raise ValueError unless base parameters that a file does not store are determined as when it was written.
+def check_determined_base(model: Model, arrays: Mapping[str, NDArray[np.generic]], smallest_eigenvalue: float) -> None:
+    """Raise DynidentError unless base parameters that a file does not store are determined as when it was written.
 
     Parameters
     ----------
@@ -64,11 +65,17 @@ def check_determined_base(model: Model, arrays: Mapping[str, Any], smallest_eige
     """
     for joint in range(model.robot.n):
         if not np.array_equal(model.observation.joint_entries(joint)[1], arrays[f"training_{joint}_columns"]):
-            raise ValueError(f"joint {joint} has other base parameters")
+            raise other_parameters()
     stored = float(_header(arrays)["worst_inertia_eigenvalue"])
     # Both come from the same values by the same sums: they differ by rounding, or altogether.
     if not np.isclose(smallest_eigenvalue, stored, rtol=1e-6, atol=1e-9, equal_nan=True):
-        raise ValueError("the values give another inertia matrix")
+        raise other_parameters()
+
+
+def other_parameters() -> DynidentError:
+    """Say that this version gives the effects of a model other parameters than it has."""
+    detail = "the effects of this model have other parameters in this version; identify it again from its recordings"
+    return DynidentError(detail, title="Model of another version")
 
 
 def _load(content: bytes) -> Arrays:
@@ -76,7 +83,7 @@ def _load(content: bytes) -> Arrays:
         return dict(file)
 
 
-def _header(arrays: Mapping[str, Any]) -> dict[str, Any]:
+def _header(arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, Any]:
     header: dict[str, Any] = json.loads(arrays["header"].tobytes())
     return header
 

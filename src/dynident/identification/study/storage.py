@@ -32,7 +32,13 @@ from dynident.identification.parameters.inertia import smallest_inertia_eigenval
 from dynident.identification.parameters.standard import StandardParameters
 from dynident.identification.shapes.shape_constants import ShapeConstant, shape_constants
 from dynident.identification.study.estimate import Estimate
-from dynident.identification.study.older_formats import NAME, PRESENT, check_determined_base, read_ladder
+from dynident.identification.study.older_formats import (
+    NAME,
+    PRESENT,
+    check_determined_base,
+    other_parameters,
+    read_ladder,
+)
 from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Identification, LadderStep
 from dynident.kinds import document_of
@@ -157,7 +163,7 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
     if base is None:
         check_determined_base(model, arrays, smallest_inertia_eigenvalue(model, arrays["values"]))
     elif tuple(column.name for column in model.columns) != base.names:
-        raise ValueError("the catalogue has other columns for these effects")
+        raise other_parameters()
     data = _data(arrays, header)
     estimate = Estimate.of(
         model,
