@@ -52,17 +52,21 @@ def protocol_with(settings: Settings) -> type[asyncio.Protocol]:
 
         def _wait_for_a_request(self) -> None:
             """Begin to wait where no request has come; one that has, or has begun, is waited for no longer."""
-            is_idle = self.conn.their_state is h11.IDLE
-            if is_idle and self._waiting is None:
+            if self._is_idle() and self._waiting is None:
                 self._waiting = self.loop.call_later(settings.header_timeout_seconds, self._give_up)
-            elif not is_idle and self._waiting is not None:
+            elif not self._is_idle() and self._waiting is not None:
                 self._waiting.cancel()
                 self._waiting = None
 
         def _give_up(self) -> None:
             self._waiting = None
-            if self.conn.their_state is h11.IDLE and not self.transport.is_closing():
+            if self._is_idle() and not self.transport.is_closing():
                 self.transport.close()
+
+        def _is_idle(self) -> bool:
+            """Tell whether nothing is to be answered: no request has come, or only the rest of an answered one does."""
+            is_answered = self.conn.our_state in (h11.DONE, h11.MUST_CLOSE)
+            return self.conn.their_state is h11.IDLE or (is_answered and self.conn.their_state is h11.SEND_BODY)
 
     return Bounded
 

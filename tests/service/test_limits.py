@@ -139,6 +139,22 @@ def test_a_connection_that_was_answered_and_asks_for_nothing_more_is_closed(addr
     assert answer.count(b"HTTP/1.1 200") == 1
 
 
+def test_the_rest_of_a_request_that_was_answered_is_not_waited_for(address: tuple[str, int]) -> None:
+    head = b"POST /v1/nothing HTTP/1.1\r\nhost: localhost\r\ncontent-length: 1000\r\n\r\n"
+    with socket.create_connection(address, timeout=20) as connection:
+        connection.sendall(head)
+        assert connection.recv(12) == b"HTTP/1.1 404"
+
+        def is_closed() -> bool:
+            try:
+                connection.sendall(b" ")
+            except OSError:
+                return True
+            return False
+
+        wait_for(is_closed, 10.0)
+
+
 def test_one_connection_too_many_is_told_to_come_back(address: tuple[str, int]) -> None:
     def told() -> bytes:
         return raw(address, b"GET /healthz HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n")
