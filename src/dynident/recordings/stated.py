@@ -41,6 +41,9 @@ EFFORT_KINDS = OneOf(
     Choice("unknown", "not known"),
 )
 
+ConditioningStep = Literal["corrupted_samples", "wrapped_angles"]
+"""What is put right in a recording unless it is said that it is right."""
+
 DELAY = "torque_delay"
 """Name of the check, and of the field, that is about the torque's delay against the positions."""
 
@@ -82,6 +85,10 @@ class RecordingMetadata:
     payload: Mapping[str, Any] | None = said('The known load: {"mass": kg, "centre": [x, y, z] in m}', default=None)
     torque_delay: float = said("Seconds by which the file's torque is late", default=0.0)
     accept: tuple[str, ...] = said("Names of checks whose errors are to count as warnings", default=())
+    skip: tuple[ConditioningStep, ...] = said(
+        "Steps of conditioning that are not taken: samples that look corrupted, angles that look wrapped are right",
+        default=(),
+    )
     permutation: Mapping[Axis, tuple[int, ...]] = said(
         'Of "q" (with velocities and commands) or "tau" (or currents): at place k the number, from 1, of joint k\'s '
         "column",
@@ -160,6 +167,7 @@ class Revision:
     scale: Mapping[str, float] = anew(RecordingMetadata, "scale", made_by=dict)
     torque_delay: float | None = anew(RecordingMetadata, DELAY, default=None)
     role: Role | None = anew(RecordingMetadata, "role", default=None)
+    skip: tuple[ConditioningStep, ...] | None = anew(RecordingMetadata, "skip", default=None)
     name: str | None = anew(RecordingMetadata, "name", default=None)
 
     def of(self, metadata: RecordingMetadata) -> RecordingMetadata:
@@ -200,6 +208,7 @@ class RevisionFields(TypedDict, total=False):
     scale: Mapping[str, float]
     torque_delay: float | None
     role: Role | None
+    skip: tuple[ConditioningStep, ...] | None
     name: str | None
 
 

@@ -1,0 +1,92 @@
+"""Samples that cannot be: values that leave the course of their signal and come back to it within a few samples.
+
+A bus that loses a frame, or a driver that answers late, gives zeros, largest values or old ones in single rows. One of
+them in thousands is enough to spoil a model, since differentiation turns it into huge accelerations.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.recordings.conditioning.course import Course, corrupted_samples
+from dynident.recordings.conditioning.findings import FoundRows
+from dynident.recordings.conditioning.signals import Signals
+from dynident.recordings.conditioning.steps import TIMES_USUAL, steps_of, tail_factor, usual_steps
+from dynident.recordings.conditioning.windows import Window
+from dynident.recordings.conditioning.wraps import TURN, wrapping_columns
+from dynident.recordings.types import Check
+
+LEAST_SHARE = {"smooth": 2e-4, "rough": 0.015}
+"""Share of a signal's span (1 % to 99 % quantile) below which nothing is called corrupted: it could do no harm."""
+
+LEAST_COUNTS = 6.0
+"""Smallest steps of a signal that a sample has to be off: two or three counts of an encoder come and go."""
+
+ROUNDING = 1e-12
+"""Share of a signal by which it changes through the rounding of numbers alone."""
+
+
+class CorruptedSamples:
+    """Takes out samples that cannot be: of positions, torques and the base's wrench."""
+
+    name = "corrupted_samples"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._found = FoundRows()
+
+    def apply(self, window: Window) -> None:
+        """Take them out of a window."""
+        signals = self._signals
+        needed = np.flatnonzero(signals.needed)
+        values, smooth = window.values[:, needed], signals.smooth[needed]
+        periods = np.where(wrapping_columns(window, signals)[needed], TURN, 0.0)
+        steps = steps_of(values, window.t, window.run, smooth, periods)
+        usual = usual_steps(steps)
+        for index in np.flatnonzero((np.abs(steps) > TIMES_USUAL * usual).any(axis=0)):
+            column = int(needed[index])
+            course = self._course(window, column, steps[:, index], usual[:, index], float(periods[index]))
+            rows = corrupted_samples(course)
+            window.values[rows, column] = np.nan
+            own = window.own_rows(rows)
+            self._found.add(column, own, window.t[own - 1 - window.first_row])
+
+    def checks(self) -> list[Check]:
+        """Say which samples were taken out."""
+        found = self._found
+        if found.first is None:
+            return [Check(self.name, "ok", "No sample is off the course of its signal.")]
+        row, time, column = found.first
+        sources = self._signals.sources
+        return [
+            Check(
+                self.name,
+                "warning",
+                f"{found.n} sample{'s are' if found.n > 1 else ' is'} off the course of "
+                f"{'their signals' if found.n > 1 else 'its signal'} and cannot have been measured: "
+                f"{found.describe(sources)}. They are replaced by what lies between their neighbours. Look for lost "
+                f'frames of the bus, or read them as recorded: "skip": ["{self.name}"].',
+                sources[column],
+                row,
+                time,
+            )
+        ]
+
+    def _course(self, window: Window, column: int, steps: FloatArray, usual: FloatArray, period: float) -> Course:
+        """Describe a signal by the smallest counts it comes in, its span, and the tails of its noise."""
+        signals = self._signals
+        x, smooth = window.values[:, column], bool(signals.smooth[column])
+        known = x[np.isfinite(x)]
+        low, high = np.quantile(known, (0.01, 0.99))
+        changes = np.abs(np.diff(known))
+        changes = changes[changes > ROUNDING * max(abs(low), abs(high))]
+        count = float(np.quantile(changes, 0.01)) if len(changes) else 0.0
+        usual = np.maximum(usual, count)
+        least = max(LEAST_COUNTS * count, LEAST_SHARE["smooth" if smooth else "rough"] * float(high - low))
+        threshold = np.maximum(TIMES_USUAL * tail_factor(steps, usual) * usual, least)
+        if smooth:
+            # Whatever the signal did before: there and back within two samples no joint is so fast.
+            impossible = 2.0 * float(signals.fastest[column]) * signals.step
+            threshold, usual = np.minimum(threshold, impossible), np.minimum(usual, 0.25 * impossible)
+        return Course(window.t, x, window.run, usual, threshold, smooth, signals.step, period)
