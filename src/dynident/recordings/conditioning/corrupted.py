@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.arrays import FloatArray
-from dynident.recordings.conditioning.course import Course, corrupted_samples
+from dynident.arrays import FloatArray, IntArray
+from dynident.recordings.conditioning.course import LONGEST, Course, corrupted_samples
 from dynident.recordings.conditioning.findings import FoundRows
 from dynident.recordings.conditioning.signals import Signals
 from dynident.recordings.conditioning.steps import TIMES_USUAL, steps_of, tail_factor, usual_steps
@@ -35,6 +35,8 @@ class CorruptedSamples:
     def __init__(self, signals: Signals) -> None:
         self._signals = signals
         self._found = FoundRows()
+        # Whatever a signal did before: there and back within two samples no joint is so fast.
+        self._impossible = 2.0 * signals.fastest * signals.step
 
     def apply(self, window: Window) -> None:
         """Take them out of a window."""
@@ -44,7 +46,11 @@ class CorruptedSamples:
         periods = np.where(wrapping_columns(window, signals)[needed], TURN, 0.0)
         steps = steps_of(values, window.t, window.run, smooth, periods)
         usual = usual_steps(steps)
-        for index in np.flatnonzero((np.abs(steps) > TIMES_USUAL * usual).any(axis=0)):
+        impossible = np.where(smooth, self._impossible[needed], np.inf)
+        large = np.abs(steps) > np.minimum(TIMES_USUAL * usual, impossible)
+        for index in np.flatnonzero(large.any(axis=0)):
+            if not _comes_back(steps[:, index], np.flatnonzero(large[:, index])):
+                continue
             column = int(needed[index])
             course = self._course(window, column, steps[:, index], usual[:, index], float(periods[index]))
             rows = corrupted_samples(course)
@@ -86,7 +92,12 @@ class CorruptedSamples:
         least = max(LEAST_COUNTS * count, LEAST_SHARE["smooth" if smooth else "rough"] * float(high - low))
         threshold = np.maximum(TIMES_USUAL * tail_factor(steps, usual) * usual, least)
         if smooth:
-            # Whatever the signal did before: there and back within two samples no joint is so fast.
-            impossible = 2.0 * float(signals.fastest[column]) * signals.step
+            impossible = float(self._impossible[column])
             threshold, usual = np.minimum(threshold, impossible), np.minimum(usual, 0.25 * impossible)
         return Course(window.t, x, window.run, usual, threshold, smooth, signals.step, period)
+
+
+def _comes_back(steps: FloatArray, large: IntArray) -> bool:
+    """Tell whether a signal with large steps in these rows goes up and down again, or the other way round, soon."""
+    turns = np.diff(np.sign(steps[large])) != 0.0
+    return bool((turns & (np.diff(large) <= LONGEST + 1)).any())
