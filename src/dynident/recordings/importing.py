@@ -198,6 +198,38 @@ def recording_from_arrays(
     )
 
 
+def condition_arrays(
+    t: FloatArray, q: FloatArray, tau: FloatArray, joints: RecordedJoints, segment: IntArray | None = None
+) -> tuple[FloatArray, FloatArray, tuple[Check, ...]]:
+    """Put right what a file's rows are put right in before its checks.
+
+    Parameters
+    ----------
+    t : (m,) in s
+    q, tau : (m, n) in rad or m, and in N m or N
+    joints : RecordedJoints
+    segment : (m,) integers, optional
+        Tells separate runs apart.
+
+    Returns
+    -------
+    q, tau : (m, n)
+        NaN where a sample is missing and cannot be bridged.
+    checks : tuple of Check
+        What was found.
+
+    Raises
+    ------
+    RecordingError
+        For unsorted time.
+    """
+    source = _Arrays(t, q, tau, segment, tuple(joints.names), NO_FURTHER_COLUMNS)
+    layout = source.layout
+    conditioning = Conditioning(layout, joints.known_limits, scan_time(source, layout, ()))
+    values = np.concatenate([rows.values for rows in conditioning.condition(source.rows(layout))])
+    return values[:, layout.place("q")], values[:, layout.place("tau")], conditioning.checks()
+
+
 def scan_time(source: RawSource, layout: Layout, windows: Windows, progress: Progress = silent) -> TimeBase:
     """First pass: the time column alone."""
     scan = TimeScan(layout.t.source)

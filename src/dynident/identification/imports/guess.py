@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.arrays import BoolArray, FloatArray
 from dynident.identification.imports import units as of_units
 from dynident.identification.imports.currents import question_of_gains
 from dynident.identification.imports.effort import classify_effort
@@ -27,6 +28,7 @@ from dynident.identification.imports.proposal import Guess, Proposal, Question
 from dynident.identification.imports.unnamed import Kinds, as_counted, is_in_order, kinds_of, own_torques, whole_signals
 from dynident.identification.imports.words import read_names
 from dynident.recordings.stated import EffortKind
+from dynident.recordings.types import RecordingError
 from dynident.robot import Robot
 
 _SOUND = 0.5
@@ -85,8 +87,10 @@ class _Guesser:
             return self._done(kind)
         q = self._positions(position, effort)
         if q is not None:
+            q, put_right = self._conditioned(position, effort, q, good)
             self._rates(groups, position, q)
             kind = self._efforts(effort, q, kind)
+            self.guesses += put_right
         return self._done(kind)
 
     def _done(self, kind: EffortKind) -> Proposal:
@@ -346,6 +350,29 @@ class _Guesser:
             self.questions += [asked] if asked is not None else []
         self._check(q, tau)
         return kind
+
+    def _conditioned(
+        self, position: Group, effort: Group, q: FloatArray, good: BoolArray
+    ) -> tuple[FloatArray, list[Guess]]:
+        """Put right what an import will put right in positions (m, n) in rad or m, of the rows with a time; say what."""
+        raw = self.sample.values[good]
+        positions, efforts = list(position.columns), list(effort.columns)
+        known = np.where(np.isfinite(raw[:, positions]), q, np.nan)
+        try:
+            right, _, checks = self.fits.condition(known, raw[:, efforts])
+        except RecordingError:
+            # What is wrong with the time is asked about elsewhere.
+            return q, []
+        names = dict(zip((f"q_{name}" for name in self.robot.joint_names), positions, strict=True))
+        names |= dict(zip((f"tau_{name}" for name in self.robot.joint_names), efforts, strict=True))
+        put_right = []
+        for check in checks:
+            if check.status != "ok":
+                detail = check.detail
+                for ours, column in names.items():
+                    detail = re.sub(rf"(?<!\w){re.escape(ours)}(?!\w)", self.sample.names[column], detail)
+                put_right.append(Guess(f"rows/{check.name}", "put right", 0.95, detail))
+        return filled(right), put_right
 
     def _effort_unit(
         self, signal: str, tau: FloatArray, effort: Group, gains: list[float | None], reach: float
