@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from math import isfinite
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal, TypedDict, get_args
 
 from dynident.asking import Choice, OneOf, anew, said
 from dynident.errors import DynidentError
@@ -64,7 +64,8 @@ class RecordingMetadata:
     Columns and units are told before `permutation` ({"tau": (2, 1, 3)}), `signs` and `scale`, in which "q2" or
     "q_<joint>" means one joint and "q" all of them. `windows` and `exclude` are pairs (from, to) in s; `torque_delay`:
     the torque is read so much later than the positions of its row. `payload` is kept as it came. What checks in
-    `accept` find is told as warnings, whatever it is: the user knows better.
+    `accept` find is told as warnings, whatever it is: the user knows better. `skip` names steps of conditioning that are
+    not taken.
 
     Raises
     ------
@@ -114,6 +115,13 @@ class RecordingMetadata:
                 "Give columns with the torque, or the current, that the motors were measured to make.",
                 "/effort_kind",
                 "No measured torque",
+            )
+        unknown = [name for name in self.skip if name not in get_args(ConditioningStep)]
+        if unknown:
+            raise _unusable(
+                f"skip names {unknown[0]!r}, which is no step that can be left out; there are "
+                f"{', '.join(get_args(ConditioningStep))}.",
+                "/skip",
             )
         if not abs(self.torque_delay) <= 1.0:
             raise _unusable(

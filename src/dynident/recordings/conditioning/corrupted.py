@@ -72,7 +72,7 @@ class CorruptedSamples:
                 f"{found.n} sample{'s are' if found.n > 1 else ' is'} off the course of "
                 f"{'their signals' if found.n > 1 else 'its signal'} and cannot have been measured: "
                 f"{found.describe(sources)}. They are replaced by what lies between their neighbours. Look for lost "
-                f'frames of the bus, or read them as recorded: "skip": ["{self.name}"].',
+                f'frames of the bus; if they are right as they are, say "skip": ["{self.name}"].',
                 sources[column],
                 row,
                 time,

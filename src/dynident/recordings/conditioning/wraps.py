@@ -80,6 +80,7 @@ class WrappedAngles:
         if self._shift:
             shifted = ", ".join(sources[column] for column in self._shift)
             parts.append(f"{shifted} are read a whole turn elsewhere, inside the joint's limits.")
+        parts.append(f'If they are right as they are, say "skip": ["{self.name}"].')
         row, time, column = self._found.first or (1, None, next(iter(self._shift or {0: 0.0})))
         return [Check(self.name, "warning", " ".join(parts), sources[column], row, time)]
 
