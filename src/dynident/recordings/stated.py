@@ -64,8 +64,8 @@ class RecordingMetadata:
     Columns and units are told before `permutation` ({"tau": (2, 1, 3)}), `signs` and `scale`, in which "q2" or
     "q_<joint>" means one joint and "q" all of them. `windows` and `exclude` are pairs (from, to) in s; `torque_delay`:
     the torque is read so much later than the positions of its row. `payload` is kept as it came. What checks in
-    `accept` find is told as warnings, whatever it is: the user knows better. `skip` names steps of conditioning that are
-    not taken.
+    `accept` find is told as warnings, whatever it is: the user knows better. Steps of conditioning in `skip`
+    are not taken.
 
     Raises
     ------

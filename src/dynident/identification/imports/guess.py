@@ -354,7 +354,7 @@ class _Guesser:
     def _conditioned(
         self, position: Group, effort: Group, q: FloatArray, good: BoolArray
     ) -> tuple[FloatArray, list[Guess]]:
-        """Put right what an import will put right in positions (m, n) in rad or m, of the rows with a time; say what."""
+        """Put right what an import will in positions (m, n) in rad or m, of the rows with a time, and say what."""
         raw = self.sample.values[good]
         positions, efforts = list(position.columns), list(effort.columns)
         known = np.where(np.isfinite(raw[:, positions]), q, np.nan)

@@ -40,22 +40,14 @@ class MissingValues:
     def checks(self) -> list[Check]:
         """Say which cells those are."""
         found = self._found
-        if found.first is None:
+        if not found.n:
             return [Check(self.name, "ok", "Every cell that is needed holds a number.")]
-        row, time, column = found.first
-        sources = self._signals.sources
-        return [
-            Check(
-                self.name,
-                "warning",
-                f"{found.n} cell{'s hold' if found.n > 1 else ' holds'} no number, or one that no sensor gives: "
-                f"{found.describe(sources)}. They are replaced by what lies between their neighbours where those are "
-                "near, and else their rows are left out.",
-                sources[column],
-                row,
-                time,
-            )
-        ]
+        detail = (
+            f"{found.n} cell{'s hold' if found.n > 1 else ' holds'} no number, or one that no sensor gives: "
+            f"{found.describe(self._signals.sources)}. They are replaced by what lies between their neighbours where "
+            "those are near, and else their rows are left out."
+        )
+        return [found.check(self.name, "warning", detail, self._signals.sources)]
 
 
 class BridgedGaps:
@@ -89,22 +81,14 @@ class BridgedGaps:
     def checks(self) -> list[Check]:
         """Say which rows are left out."""
         found = self._found
-        if found.first is None:
+        if not found.n:
             return []
-        row, time, column = found.first
-        sources = self._signals.sources
+        detail = (
+            f"{self._n_lost} of {self._n_rows} rows are left out, and nothing is filtered across them: samples are "
+            f"missing there for longer than can be bridged, in {found.describe(self._signals.sources)}."
+        )
         much = self._n_lost > MOST_MISSING * self._n_rows
-        return [
-            Check(
-                self.name,
-                "error" if much else "warning",
-                f"{self._n_lost} of {self._n_rows} rows are left out, and nothing is filtered across them: samples are "
-                f"missing there for longer than can be bridged, in {found.describe(sources)}.",
-                sources[column],
-                row,
-                time,
-            )
-        ]
+        return [found.check(self.name, "error" if much else "warning", detail, self._signals.sources)]
 
 
 def bridge(t: FloatArray, x: FloatArray, run: IntArray, most: int, *, smooth: bool) -> None:

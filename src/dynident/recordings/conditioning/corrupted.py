@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.arrays import FloatArray, IntArray
-from dynident.recordings.conditioning.course import LONGEST, Course, corrupted_samples
+from dynident.arrays import BoolArray, FloatArray, IntArray
+from dynident.recordings.conditioning.course import LONGEST, SAME_VALUES, Course, corrupted_samples
 from dynident.recordings.conditioning.findings import FoundRows
 from dynident.recordings.conditioning.signals import Signals
-from dynident.recordings.conditioning.steps import TIMES_USUAL, steps_of, tail_factor, usual_steps
+from dynident.recordings.conditioning.steps import TIMES_USUAL, steps_of, times_usual, usual_steps
 from dynident.recordings.conditioning.windows import Window
 from dynident.recordings.conditioning.wraps import TURN, wrapping_columns
 from dynident.recordings.types import Check
@@ -48,12 +48,18 @@ class CorruptedSamples:
         usual = usual_steps(steps)
         impossible = np.where(smooth, self._impossible[needed], np.inf)
         large = np.abs(steps) > np.minimum(TIMES_USUAL * usual, impossible)
+        marks = np.zeros(values.shape, dtype=bool)
         for index in np.flatnonzero(large.any(axis=0)):
-            if not _comes_back(steps[:, index], np.flatnonzero(large[:, index])):
-                continue
+            if _comes_back(steps[:, index], np.flatnonzero(large[:, index])):
+                course = self._course(window, int(needed[index]), steps[:, index], usual[:, index], periods[index])
+                marks[corrupted_samples(course), index] = True
+        if not marks.any():
+            return
+        for index in np.flatnonzero(marks.any(axis=0)):
             column = int(needed[index])
-            course = self._course(window, column, steps[:, index], usual[:, index], float(periods[index]))
-            rows = corrupted_samples(course)
+            rows = np.flatnonzero(marks[:, index])
+            if not smooth[index]:
+                rows = rows[~self._explained(window, column, rows, large[:, ~smooth] & ~_near(marks[:, ~smooth]))]
             window.values[rows, column] = np.nan
             own = window.own_rows(rows)
             self._found.add(column, own, window.t[own - 1 - window.first_row])
@@ -61,23 +67,36 @@ class CorruptedSamples:
     def checks(self) -> list[Check]:
         """Say which samples were taken out."""
         found = self._found
-        if found.first is None:
+        if not found.n:
             return [Check(self.name, "ok", "No sample is off the course of its signal.")]
-        row, time, column = found.first
-        sources = self._signals.sources
-        return [
-            Check(
-                self.name,
-                "warning",
-                f"{found.n} sample{'s are' if found.n > 1 else ' is'} off the course of "
-                f"{'their signals' if found.n > 1 else 'its signal'} and cannot have been measured: "
-                f"{found.describe(sources)}. They are replaced by what lies between their neighbours. Look for lost "
-                f'frames of the bus; if they are right as they are, say "skip": ["{self.name}"].',
-                sources[column],
-                row,
-                time,
-            )
-        ]
+        one = found.n == 1
+        detail = (
+            f"{found.n} sample{' is' if one else 's are'} off the course of {'its signal' if one else 'their signals'} "
+            f"and cannot have been measured: {found.describe(self._signals.sources)}. "
+            f"{'It is' if one else 'They are'} replaced by what lies between the neighbours. Look for lost frames of "
+            f'the bus; if they are right as they are, say "skip": ["{self.name}"].'
+        )
+        return [found.check(self.name, "warning", detail, self._signals.sources)]
+
+    def _explained(self, window: Window, column: int, rows: IntArray, others: BoolArray) -> BoolArray:
+        """Tell which rows of a torque may be as measured.
+
+        Where other torques jump as well and do not come back (others), something has happened to the robot. Where a
+        joint turns round friction jumps by itself, maybe for one sample: there only a value that stands in for lost
+        ones is corrupted.
+        """
+        values, counts = np.unique(window.values[rows, column], return_counts=True)
+        stands_in = np.isin(window.values[rows, column], [0.0, *values[counts >= SAME_VALUES]])
+        happened = _near(others.any(axis=1)[:, None])[rows, 0]
+        position = self._signals.position.get(column)
+        if position is None:
+            return np.asarray(happened & ~stands_in)
+        q = window.values[:, position]
+        known = np.isfinite(q)
+        direction = np.sign(np.diff(np.interp(window.t, window.t[known], q[known]))) if known.any() else np.zeros(1)
+        turns = np.zeros((len(q), 1), dtype=bool)
+        turns[1:-1, 0] = direction[1:] != direction[:-1]
+        return np.asarray((happened | _near(turns, 3)[rows, 0]) & ~stands_in)
 
     def _course(self, window: Window, column: int, steps: FloatArray, usual: FloatArray, period: float) -> Course:
         """Describe a signal by the smallest counts it comes in, its span, and the tails of its noise."""
@@ -90,7 +109,7 @@ class CorruptedSamples:
         count = float(np.quantile(changes, 0.01)) if len(changes) else 0.0
         usual = np.maximum(usual, count)
         least = max(LEAST_COUNTS * count, LEAST_SHARE["smooth" if smooth else "rough"] * float(high - low))
-        threshold = np.maximum(TIMES_USUAL * tail_factor(steps, usual) * usual, least)
+        threshold = np.maximum(times_usual(steps, usual) * usual, least)
         if smooth:
             impossible = float(self._impossible[column])
             threshold, usual = np.minimum(threshold, impossible), np.minimum(usual, 0.25 * impossible)
@@ -101,3 +120,12 @@ def _comes_back(steps: FloatArray, large: IntArray) -> bool:
     """Tell whether a signal with large steps in these rows goes up and down again, or the other way round, soon."""
     turns = np.diff(np.sign(steps[large])) != 0.0
     return bool((turns & (np.diff(large) <= LONGEST + 1)).any())
+
+
+def _near(marks: BoolArray, rows: int = 1) -> BoolArray:
+    """Mark the rows (m, c) that are marked and those beside them."""
+    result = marks.copy()
+    for shift in range(1, rows + 1):
+        result[shift:] |= marks[:-shift]
+        result[:-shift] |= marks[shift:]
+    return result

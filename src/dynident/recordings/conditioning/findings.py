@@ -8,9 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dynident.arrays import FloatArray, IntArray
+from dynident.recordings.types import Check, Status
 
-SHOWN_ROWS, SHOWN_COLUMNS = 10, 12
-KEPT_ROWS = 10_000
+SHOWN_ROWS, SHOWN_COLUMNS = 8, 12
+KEPT_ROWS = 1000
+"""Rows of a column that are kept; more are only counted."""
 
 
 @dataclass
@@ -35,6 +37,12 @@ class FoundRows:
     def n(self) -> int:
         """How many samples were found in all columns together."""
         return sum(self.counts.values())
+
+    def check(self, name: str, status: Status, detail: str, sources: Sequence[str]) -> Check:
+        """Give the finding, by the user's names of the columns."""
+        row, time, column = self.first or (None, None, None)
+        rows = {sources[at]: tuple(found) for at, found in sorted(self.rows.items())}
+        return Check(name, status, detail, "" if column is None else sources[column], row, time, rows=rows)
 
     def describe(self, sources: Sequence[str]) -> str:
         """Give the columns with their rows: "q2 (3, in rows 17, 118 and 240), tau4 (…)"."""

@@ -25,6 +25,7 @@ class Signals:
     `sources` are the user's names. `needed` (c,): those that have to hold numbers; `smooth` (c,): positions; `turning`
     (c,): angles; `fastest` (c,): speed in rad/s or m/s that is impossible, inf of what is no position; `limits`:
     position limits by column. `velocity`: the column of an angle's logged velocity.
+    `position`: that of the position of a torque's joint.
     """
 
     sources: tuple[str, ...]
@@ -34,6 +35,7 @@ class Signals:
     fastest: FloatArray
     limits: dict[int, tuple[float, float]]
     velocity: dict[int, int]
+    position: dict[int, int]
     step: float
 
     @classmethod
@@ -66,5 +68,6 @@ class Signals:
             fastest=fastest,
             limits=ranges,
             velocity=velocity,
+            position={layout.place("tau").start + joint: joint for joint in range(len(layout.tau))},
             step=base.typical,
         )

@@ -15,9 +15,9 @@ TIMES_USUAL = 4.0
 """Times the usual step of a signal (its upper quartile nearby) that a sample has to be off: 7.6 standard deviations of
 normal noise. `benchmarks/corrupted_samples.py` calibrates it, and the tails below."""
 
-LIGHT_TAIL, TAIL_GROWTH = 1.6, 18.0
-"""Ratio of the 92 % to the 75 % quantile of normal noise, and how the threshold grows (exponentially) with a larger
-one: the largest of 10^6 values of Student's t with 3 degrees of freedom is 150 times its 75 % quantile, not 5 times."""
+TAIL_POWER, TAIL_ERRORS = 3.0, 0.005
+"""The heaviest tails of noise: of swings beyond a size there are as few as of Student's t with so many degrees of
+freedom. And how many of its swings may be expected beyond the threshold in a window: one in 200 windows has one."""
 
 
 def usual_steps(steps: FloatArray) -> FloatArray:
@@ -70,13 +70,15 @@ def steps_of(values: FloatArray, t: FloatArray, run: IntArray, smooth: BoolArray
     return result
 
 
-def tail_factor(steps: FloatArray, usual: FloatArray) -> float:
-    """Give by how much larger steps than usual are to be expected of a signal with the tails of these (m,)."""
+def times_usual(steps: FloatArray, usual: FloatArray) -> float:
+    """Give how many usual steps (m,) a sample has to be off, by how often a signal with these steps (m,) swings so far.
+
+    A swing goes up and down again, or the other way round, as a single corrupted sample does. Of normal noise hardly
+    any is larger than two usual steps; from the number of those up to four the tail of the others follows.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         size = np.minimum(np.abs(steps[:-1]), np.abs(steps[1:])) / usual[:-1]
-    # Up and down again, or the other way round: the shape of a single corrupted sample.
-    size = size[(steps[:-1] * steps[1:] < 0.0) & (size > 0.0) & (size < TIMES_USUAL)]
-    if len(size) < 2 * CHUNK_ROWS:
-        return 1.0
-    middle, high = np.quantile(size, (0.75, 0.92))
-    return float(np.exp(np.clip(TAIL_GROWTH * (high / middle - LIGHT_TAIL), 0.0, 20.0)))
+    middle = (size >= 0.5 * TIMES_USUAL) & (size < TIMES_USUAL) & (steps[:-1] * steps[1:] < 0.0)
+    low, high = (0.5 * TIMES_USUAL) ** -TAIL_POWER, TIMES_USUAL**-TAIL_POWER
+    beyond_one = np.count_nonzero(middle) / (low - high)
+    return max(TIMES_USUAL, float(beyond_one / TAIL_ERRORS) ** (1.0 / TAIL_POWER))

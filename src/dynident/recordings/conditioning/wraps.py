@@ -79,10 +79,9 @@ class WrappedAngles:
         parts = [f"Turns are unwrapped in {self._found.describe(sources)}."] if self._found.n else []
         if self._shift:
             shifted = ", ".join(sources[column] for column in self._shift)
-            parts.append(f"{shifted} are read a whole turn elsewhere, inside the joint's limits.")
+            parts.append(f"A whole turn is added to or taken from {shifted}, so that the joint is inside its limits.")
         parts.append(f'If they are right as they are, say "skip": ["{self.name}"].')
-        row, time, column = self._found.first or (1, None, next(iter(self._shift or {0: 0.0})))
-        return [Check(self.name, "warning", " ".join(parts), sources[column], row, time)]
+        return [self._found.check(self.name, "warning", " ".join(parts), sources)]
 
     def _whole_turns_off(self, window: Window) -> dict[int, float]:
         """Give the columns that are inside their limits a turn farther on, and that turn."""
