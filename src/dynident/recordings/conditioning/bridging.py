@@ -7,7 +7,7 @@ import numpy as np
 from dynident.arrays import FloatArray, IntArray
 from dynident.recordings.conditioning.findings import FoundRows
 from dynident.recordings.conditioning.signals import Signals
-from dynident.recordings.conditioning.windows import Window
+from dynident.recordings.conditioning.windows import Window, row_edges
 from dynident.recordings.types import Check, are_readings
 
 LONGEST_BRIDGE, FEWEST_ROWS = 0.03, 3
@@ -94,8 +94,7 @@ class BridgedGaps:
 def bridge(t: FloatArray, x: FloatArray, run: IntArray, most: int, *, smooth: bool) -> None:
     """Replace up to `most` missing samples in a row of x (m,) by what lies between those beside them, in place."""
     missing = np.isnan(x)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], missing.astype(np.int8), [0]])))
-    starts, ends = edges[::2], edges[1::2]
+    starts, ends = row_edges(missing)
     known = np.flatnonzero(~missing)
     for length in range(1, most + 1):
         chosen = starts[ends - starts == length]

@@ -23,6 +23,10 @@ LEAST_SHARE = {"smooth": 2e-4, "rough": 0.015}
 LEAST_COUNTS = 6.0
 """Smallest steps of a signal that a sample has to be off: two or three counts of an encoder come and go."""
 
+TURN_ROWS, TIMES_FRICTION = 3, 4.0
+"""Rows on either side of where a joint turns round in which friction changes, and times its usual jump there that it
+does not reach."""
+
 ROUNDING = 1e-12
 """Share of a signal by which it changes through the rounding of numbers alone."""
 
@@ -55,11 +59,13 @@ class CorruptedSamples:
                 marks[corrupted_samples(course), index] = True
         if not marks.any():
             return
+        back = np.sign(steps) * large
+        swings = (_near(back < 0.0) & _near(back > 0.0) & ~_near(marks))[:, ~smooth].any(axis=1)
         for index in np.flatnonzero(marks.any(axis=0)):
             column = int(needed[index])
             rows = np.flatnonzero(marks[:, index])
             if not smooth[index]:
-                rows = rows[~self._explained(window, column, rows, large[:, ~smooth] & ~_near(marks[:, ~smooth]))]
+                rows = rows[~self._explained(window, column, rows, swings)]
             window.values[rows, column] = np.nan
             own = window.own_rows(rows)
             self._found.add(column, own, window.t[own - 1 - window.first_row])
@@ -78,25 +84,28 @@ class CorruptedSamples:
         )
         return [found.check(self.name, "warning", detail, self._signals.sources)]
 
-    def _explained(self, window: Window, column: int, rows: IntArray, others: BoolArray) -> BoolArray:
-        """Tell which rows of a torque may be as measured.
+    def _explained(self, window: Window, column: int, rows: IntArray, swings: BoolArray) -> BoolArray:
+        """Tell which rows of a torque may be as measured: those that are no value that stands in for lost ones, and
 
-        Where other torques jump as well and do not come back (others), something has happened to the robot. Where a
-        joint turns round friction jumps by itself, maybe for one sample: there only a value that stands in for lost
-        ones is corrupted.
+        where other torques swing (m,) as well: something has happened to the robot; or where the joint turns round, as
+        far off as friction jumps there, maybe for one sample.
         """
-        values, counts = np.unique(window.values[rows, column], return_counts=True)
-        stands_in = np.isin(window.values[rows, column], [0.0, *values[counts >= SAME_VALUES]])
-        happened = _near(others.any(axis=1)[:, None])[rows, 0]
+        x = window.values[:, column].copy()
+        values, counts = np.unique(x[rows], return_counts=True)
+        stands_in = np.isin(x[rows], [0.0, *values[counts >= SAME_VALUES]])
+        happened = _near(swings[:, None])[rows, 0]
         position = self._signals.position.get(column)
-        if position is None:
-            return np.asarray(happened & ~stands_in)
-        q = window.values[:, position]
-        known = np.isfinite(q)
-        direction = np.sign(np.diff(np.interp(window.t, window.t[known], q[known]))) if known.any() else np.zeros(1)
-        turns = np.zeros((len(q), 1), dtype=bool)
-        turns[1:-1, 0] = direction[1:] != direction[:-1]
-        return np.asarray((happened | _near(turns, 3)[rows, 0]) & ~stands_in)
+        if position is not None:
+            turns = _turns(window.t, window.values[:, position])
+            measured = x.copy()
+            measured[rows] = np.nan
+            at = np.flatnonzero(turns[TURN_ROWS:-TURN_ROWS]) + TURN_ROWS
+            jumps = np.abs(measured[at + TURN_ROWS] - measured[at - TURN_ROWS])
+            friction = float(np.nanmedian(jumps)) if np.isfinite(jumps).any() else 0.0
+            known = np.isfinite(measured)
+            off = np.abs(x[rows] - np.interp(window.t[rows], window.t[known], measured[known]))
+            happened |= _near(turns[:, None], TURN_ROWS)[rows, 0] & (off < TIMES_FRICTION * friction)
+        return np.asarray(happened & ~stands_in)
 
     def _course(self, window: Window, column: int, steps: FloatArray, usual: FloatArray, period: float) -> Course:
         """Describe a signal by the smallest counts it comes in, its span, and the tails of its noise."""
@@ -114,6 +123,16 @@ class CorruptedSamples:
             impossible = float(self._impossible[column])
             threshold, usual = np.minimum(threshold, impossible), np.minimum(usual, 0.25 * impossible)
         return Course(window.t, x, window.run, usual, threshold, smooth, signals.step, period)
+
+
+def _turns(t: FloatArray, q: FloatArray) -> BoolArray:
+    """Mark the rows in which a joint turns round, comes to rest or leaves it."""
+    turns = np.zeros(len(q), dtype=bool)
+    known = np.isfinite(q)
+    if known.any():
+        direction = np.sign(np.diff(np.interp(t, t[known], q[known])))
+        turns[1:-1] = direction[1:] != direction[:-1]
+    return turns
 
 
 def _comes_back(steps: FloatArray, large: IntArray) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.conditioning.bridging import interpolate_between
 from dynident.recordings.conditioning.steps import TIMES_USUAL
+from dynident.recordings.conditioning.windows import row_edges
 from dynident.recordings.conditioning.wraps import fold
 
 LONGEST = 12
@@ -23,7 +24,7 @@ MOMENT = 0.03
 LATE_ROWS = 4
 """Rows on either side of a block whose stamps are looked at."""
 
-MORE_THAN_SWINGS = 2.0
+MORE_THAN_SWINGS = 4.0
 """Times as many samples have to be off as the signal swings by half as much and back again of its own: what happens
 often is measured, not corrupted."""
 
@@ -89,10 +90,12 @@ def _same_again(course: Course, certain: BoolArray) -> BoolArray:
         own = again & (course.x == value)
         if own.sum() > SAME_SHARE * (certain & (course.x == value)).sum():
             again &= ~own
-    steps = np.zeros(len(course.x))
-    steps[1:] = np.abs(course.difference(course.x[1:], course.x[:-1]))
-    beside = np.maximum(steps, np.append(steps[1:], 0.0))
-    return np.asarray(again & (beside > TIMES_USUAL * course.usual))
+    # Of a row of them the ends are off what is beside them.
+    for start, stop in zip(*row_edges(again), strict=True):
+        ends = [(start, start - 1), (stop - 1, stop)]
+        steps = [abs(course.x[i] - course.x[k]) / course.usual[i] for i, k in ends if 0 <= k < len(again)]
+        again[start:stop] = stop - start <= LONGEST and max(steps, default=0.0) > TIMES_USUAL
+    return again
 
 
 def _least_certain(sizes: FloatArray, swings: FloatArray) -> float:
@@ -172,10 +175,11 @@ def _blocks(course: Course, starts: IntArray, length: int) -> tuple[IntArray, Fl
         # Where a row came late a controller has answered.
         found &= (np.abs(values[:, -1] - known[:, 2]) > least) & (uneven <= course.step)
         if length > 1:
-            # A torque may well be another one for some samples, as where a joint accelerates: it then is not the very
-            # same in all of them, and does not jump within a moment.
-            inner = np.abs(np.diff(values, axis=1)).max(axis=1)
-            found &= (inner == 0.0) | ((inner > least) & (length * course.step <= MOMENT))
+            # A torque may well be another one for some samples, as where a joint accelerates. It then neither is the
+            # very same in them, nor jumps from each to the next within a moment.
+            inner = np.abs(np.diff(values, axis=1))
+            jumps = ((inner == 0.0) | (inner > least[:, None])).all(axis=1)
+            found &= (inner.max(axis=1) == 0.0) | (jumps & (length * course.step <= MOMENT))
     size = np.where(far, np.abs(off) / usual[:, None], 0.0)
     return starts[found], size[found]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import FloatArray, IntArray
+from dynident.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from dynident.recordings.raw import RawRows
 from dynident.recordings.timebase import TimeBase
 
@@ -74,3 +74,9 @@ def _window(rows: RawRows, first_row: int, start: int, stop: int, base: TimeBase
     # A copy: what is read may be a view of the file's own memory, or be looked at again by the next window.
     values = np.array(rows.values, dtype=np.float64)
     return Window(first_row, rows.t, rows.segment, values, slice(start - first_row, stop - first_row), run)
+
+
+def row_edges(marks: BoolArray) -> tuple[IndexArray, IndexArray]:
+    """Give where consecutive marks begin, and where they have ended."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], marks.astype(np.int8), [0]])))
+    return edges[::2], edges[1::2]
