@@ -298,7 +298,7 @@ def trial_runs():
 
 @pytest.mark.parametrize(
     ("share", "kind", "longest"),
-    [(3e-4, "zero", 1), (0.005, "spike", 1), (0.02, "zero", 1), (0.02, "stuck", 3), (0.02, "largest", 5)],
+    [(3e-4, "zero", 1), (0.002, "spike", 1), (0.02, "zero", 1), (0.02, "stuck", 3), (0.02, "largest", 5)],
 )
 def test_a_model_from_corrupted_recordings_is_as_good_as_from_clean_ones(tmp_path, trial_runs, share, kind, longest):
     robot, runs = trial_runs

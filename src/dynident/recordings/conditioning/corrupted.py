@@ -23,9 +23,9 @@ LEAST_SHARE = {"smooth": 2e-4, "rough": 0.015}
 LEAST_COUNTS = 6.0
 """Smallest steps of a signal that a sample has to be off: two or three counts of an encoder come and go."""
 
-TURN_ROWS, TIMES_FRICTION = 3, 4.0
-"""Rows on either side of where a joint turns round in which friction changes, and times its usual jump there that it
-does not reach."""
+TURN_ROWS, TIMES_FRICTION = 3, 1.2
+"""Rows on either side of where a joint turns round in which friction changes, and times its largest jump there that
+it does not reach."""
 
 ROUNDING = 1e-12
 """Share of a signal by which it changes through the rounding of numbers alone."""
@@ -96,15 +96,15 @@ class CorruptedSamples:
         happened = _near(swings[:, None])[rows, 0]
         position = self._signals.position.get(column)
         if position is not None:
-            turns = _turns(window.t, window.values[:, position])
+            turns, slow = _turns(window.t, window.values[:, position])
             measured = x.copy()
             measured[rows] = np.nan
             at = np.flatnonzero(turns[TURN_ROWS:-TURN_ROWS]) + TURN_ROWS
             jumps = np.abs(measured[at + TURN_ROWS] - measured[at - TURN_ROWS])
-            friction = float(np.nanmedian(jumps)) if np.isfinite(jumps).any() else 0.0
+            friction = float(np.nanmax(jumps)) if np.isfinite(jumps).any() else 0.0
             known = np.isfinite(measured)
             off = np.abs(x[rows] - np.interp(window.t[rows], window.t[known], measured[known]))
-            happened |= _near(turns[:, None], TURN_ROWS)[rows, 0] & (off < TIMES_FRICTION * friction)
+            happened |= _near(slow[:, None], TURN_ROWS)[rows, 0] & (off < TIMES_FRICTION * friction)
         return np.asarray(happened & ~stands_in)
 
     def _course(self, window: Window, column: int, steps: FloatArray, usual: FloatArray, period: float) -> Course:
@@ -125,14 +125,15 @@ class CorruptedSamples:
         return Course(window.t, x, window.run, usual, threshold, smooth, signals.step, period)
 
 
-def _turns(t: FloatArray, q: FloatArray) -> BoolArray:
-    """Mark the rows in which a joint turns round, comes to rest or leaves it."""
-    turns = np.zeros(len(q), dtype=bool)
+def _turns(t: FloatArray, q: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """Mark the rows in which a joint turns round, comes to rest or leaves it; and these with those of its rests."""
+    turns, slow = np.zeros(len(q), dtype=bool), np.zeros(len(q), dtype=bool)
     known = np.isfinite(q)
     if known.any():
         direction = np.sign(np.diff(np.interp(t, t[known], q[known])))
         turns[1:-1] = direction[1:] != direction[:-1]
-    return turns
+        slow[1:] = direction == 0.0
+    return turns, slow | turns
 
 
 def _comes_back(steps: FloatArray, large: IntArray) -> bool:

@@ -24,9 +24,15 @@ MOMENT = 0.03
 LATE_ROWS = 4
 """Rows on either side of a block whose stamps are looked at."""
 
+BESIDE = (0.04, 0.12)
+"""Share of what a torque is off by that the two samples before it, or behind it, may differ by; and the inner two."""
+
 MORE_THAN_SWINGS = 4.0
 """Times as many samples have to be off as the signal swings by half as much and back again of its own: what happens
 often is measured, not corrupted."""
+
+FEW, TIMES_FEW = 3, 2.5
+"""Of fewer corrupted samples of a torque each has to be so many times farther off, or 0: noise has outliers, too."""
 
 SAME_VALUES, SAME_SHARE = 3, 0.5
 """Corrupted samples of the very same value from which on it is known, and the share of them that may be uncertain."""
@@ -74,6 +80,8 @@ def corrupted_samples(course: Course) -> IntArray:
     if not sizes.any():
         return np.empty(0, dtype=np.int64)
     certain = (sizes > 0.0) & (sizes >= _least_certain(sizes[sizes > 0.0], _swings(course.only(left))))
+    if not course.smooth and len(row_edges(certain)[0]) < FEW:
+        certain &= (sizes >= TIMES_FEW * course.threshold / course.usual) | (course.x == 0.0)
     return np.flatnonzero(certain | _same_again(course, certain))
 
 
@@ -194,5 +202,5 @@ def _goes_on(
         return np.asarray(turns <= usual * (length + 2))
     steps = np.abs(np.diff(x, axis=1))
     beside = np.maximum(steps[:, 0], steps[:, 2])
-    across = np.maximum(min(5.0, max(2.5, length + 1.0)) * usual, 0.1 * off)
-    return np.asarray((beside <= 3.0 * usual) & (steps[:, 1] <= across))
+    across = np.maximum(min(5.0, max(2.5, length + 1.0)) * usual, BESIDE[1] * off)
+    return np.asarray((beside <= np.maximum(3.0 * usual, BESIDE[0] * off)) & (steps[:, 1] <= across))
