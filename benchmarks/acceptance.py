@@ -94,7 +94,7 @@ def main() -> None:
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         with served(Path(folder)) as service:
-            body = asyncio.run(prepare(service.port))
+            body = asyncio.run(prepare(Connection(service.port)))
         with served(Path(folder), DYNIDENT_DASK_SCHEDULER=NOWHERE, DYNIDENT_LOG_LEVEL="critical") as service:
             until_idle(service.pid)
             rows = asyncio.run(figures(service.pid, service.port, body, (asked.requests, asked.clients)))

@@ -32,7 +32,7 @@ from typing import Any
 
 import httpx2
 from common import show
-from many_clients import prepare
+from many_clients import Connection, prepare
 from mischief.databases import database
 from mischief.parties import Party, left_behind, on_a_cluster, two_services
 from mischief.weather import BRIEF, STORM, Mischief, Weather
@@ -175,7 +175,7 @@ class Trial:
         with tempfile.TemporaryDirectory() as name, database(self.kind, Path(name)) as losable:
             folder, own = Path(name), Database(losable.url)
             with (on_a_cluster if self.with_cluster else two_services)(folder, losable.url) as party:
-                body = asyncio.run(prepare(party.port))
+                body = asyncio.run(prepare(Connection(party.port)))
                 submitter = Submitter(self.number, self.seconds, party.port, body, Ledger(own))
                 told, mischief = submitter.told, Mischief(party, losable, self.weather, self.seed)
                 began = time.monotonic()

@@ -43,8 +43,9 @@ class Tally:
 class Connection:
     """One kept-alive connection to the service."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, key: str = "") -> None:
         self._port = port
+        self._key = f"x-api-key: {key}\r\n" if key else ""
         self._reader: asyncio.StreamReader | None = None
         self._writer: asyncio.StreamWriter | None = None
 
@@ -55,7 +56,7 @@ class Connection:
         assert self._writer is not None
         content = b"" if body is None else json.dumps(body).encode()
         head = f"{method} {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n"
-        self._writer.write(f"{head}content-length: {len(content)}\r\n\r\n".encode() + content)
+        self._writer.write(f"{head}{self._key}content-length: {len(content)}\r\n\r\n".encode() + content)
         try:
             lines = (await self._reader.readuntil(b"\r\n\r\n")).decode().split("\r\n")
             headers = {name.lower(): value.strip() for name, _, value in (line.partition(":") for line in lines[1:])}
@@ -149,31 +150,37 @@ def resident(pid: int) -> float:
     return 0.0
 
 
-async def prepare(port: int) -> dict[str, Any]:
+async def make_resource(connection: Connection, path: str, body: dict[str, Any]) -> dict[str, Any]:
+    """Ask for a resource, and wait until it is computed."""
+    status, headers, answer = await connection.ask("POST", path, body)
+    assert status < 300, answer
+    resource = json.loads(answer)
+    while resource.get("status", "succeeded") in ("queued", "running"):
+        await asyncio.sleep(0.05)
+        resource = json.loads((await connection.ask("GET", headers["location"]))[2])
+    assert resource.get("status", "succeeded") == "succeeded", resource
+    return dict(resource)
+
+
+async def prepare(connection: Connection) -> dict[str, Any]:
     """Make a robot and a recording; gives the body that identifies it, once it was done."""
     from dynident.robot import library_table
 
-    connection = Connection(port)
-
-    async def made(path: str, body: dict[str, Any]) -> dict[str, Any]:
-        status, headers, answer = await connection.ask("POST", path, body)
-        assert status < 300, answer
-        found = json.loads(answer)
-        while found.get("status", "succeeded") in ("queued", "running"):
-            await asyncio.sleep(0.05)
-            found = json.loads((await connection.ask("GET", headers["location"]))[2])
-        assert found.get("status", "succeeded") == "succeeded", found
-        return dict(found)
-
     description = {"format": "modified_dh", "content": library_table("scara")}
-    robot = await made("/v1/robots", {"name": "scara", "description": description})
-    trajectory = {"duration": 10.0, "sampling_rate": 200.0}
-    virtual = {"robot_id": robot["id"], "effects": [{"effect": "coulomb"}], "trajectory": trajectory, "seed": 1}
-    recording = (await made("/v1/simulations", virtual))["result"]["measurement_id"]
+    robot = await make_resource(connection, "/v1/robots", {"name": "scara", "description": description})
+    recording = await make_recording(connection, robot["id"], 10.0, 200.0)
     body = {"robot_id": robot["id"], "measurement_ids": [recording]}
-    await made("/v1/identifications", body)
+    await make_resource(connection, "/v1/identifications", body)
     connection.close()
     return body
+
+
+async def make_recording(connection: Connection, robot_id: str, duration: float, sampling_rate: float) -> str:
+    """Have a virtual robot measured; gives the id of the recording."""
+    trajectory = {"duration": duration, "sampling_rate": sampling_rate}
+    virtual = {"robot_id": robot_id, "effects": [{"effect": "coulomb"}], "trajectory": trajectory, "seed": 1}
+    made = await make_resource(connection, "/v1/simulations", virtual)
+    return str(made["result"]["measurement_id"])
 
 
 async def lean_on(port: int, pid: int, body: dict[str, Any], clients: int, seconds: float) -> Tally:
@@ -195,7 +202,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, served(Path(folder)) as service:
-        body, before = asyncio.run(prepare(service.port)), used(service.pid)
+        body, before = asyncio.run(prepare(Connection(service.port))), used(service.pid)
         tally = asyncio.run(lean_on(service.port, service.pid, body, asked.clients, asked.seconds))
         each = 1e3 * (used(service.pid) - before) / max(1, tally.ended.total())
     rows = [("request", "times", "p50 ms", "p99 ms", "longest ms")]

@@ -1,6 +1,25 @@
 """`python -m dynident_service` starts the service with the settings of the environment."""
 
-from dynident_service.serve import serve
+from __future__ import annotations
+
+import sys
+
+from dynident.errors import DynidentError
+from dynident_service.environment import hide_secrets
+
+
+def main() -> int:
+    """Start the service; tells the exit code where it cannot."""
+    hide_secrets()
+    from dynident_service.serve import serve
+
+    try:
+        serve()
+    except DynidentError as error:
+        print(f"dynident: {error.title}\n  {error.detail}", file=sys.stderr)
+        return 2
+    return 0
+
 
 if __name__ == "__main__":
-    serve()
+    sys.exit(main())

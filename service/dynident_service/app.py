@@ -25,7 +25,7 @@ from dynident_service.middleware import Audit, Gate, Timing
 from dynident_service.problem_responses import REQUEST_ID
 from dynident_service.problem_responses import install as install_problems
 from dynident_service.problems import MEDIA_TYPE, Problem
-from dynident_service.quotas import UploadQuota, limits_of
+from dynident_service.quotas import UploadRoom, limits_of
 from dynident_service.routes import ROUTERS
 from dynident_service.services import Services, open_services
 from dynident_service.settings import Settings
@@ -89,7 +89,7 @@ def create_app(settings: Settings | None = None, nursery: Nursery | None = None)
     mount_workbench(app)
     install_problems(app, _methods_by_path(app))
     # The last one added is the first that a request meets.
-    app.add_middleware(UploadQuota, database=lambda: app.state.services.database)
+    app.add_middleware(UploadRoom, settings=settings, database=lambda: app.state.services.database)
     app.add_middleware(BodyLimit, settings=settings)
     app.add_middleware(Gate, settings=settings, keys=lambda: app.state.keys)
     if settings.allowed_origins:
@@ -101,7 +101,7 @@ def create_app(settings: Settings | None = None, nursery: Nursery | None = None)
             expose_headers=["Location", REQUEST_ID],
         )
     app.add_middleware(Audit)
-    app.add_middleware(Admission, settings=settings)
+    app.add_middleware(Admission, settings=settings, party_of=lambda scope: app.state.keys.party_of(scope))
     app.add_middleware(Timing, metrics=metrics)
     app.add_middleware(SafeHeaders)
     app.add_middleware(Tracing)

@@ -7,6 +7,7 @@ import sys
 
 from dynident.extras import install_hint
 from dynident.version import __version__
+from dynident_service.environment import hide_secrets
 
 _YOUNG = 20_000
 """Objects between collections of garbage, some megabytes of them. By Python's 700 collections take 0.2 s while the
@@ -19,6 +20,8 @@ def main() -> None:
         # Told by the light installation too, which has no packages for anything else.
         print(f"dynident {__version__}")
         return
+    if sys.argv[1:2] == ["serve"]:
+        hide_secrets()  # before anything is loaded, which would be loaded twice
     gc.set_threshold(_YOUNG)
     try:
         from dynident_service.cli.app import program

@@ -1,20 +1,25 @@
-"""Connections: how many there may be, and how long one may stay open without a request."""
+"""Connections: how many there may be, and how long one may stay open without a request, or without taking an answer."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import socket
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from dynident_service.fair_shares import SharedPlaces, party_of_address
 from dynident_service.headers import SAFE
 from dynident_service.problems import MEDIA_TYPE, make_problem
 from dynident_service.settings import Settings
 
+UNREAD_LIMIT = "TCP_USER_TIMEOUT"
+
 
 def protocol_with(settings: Settings) -> type[asyncio.Protocol]:
-    """Give the protocol that keeps connections within the settings."""
+    """Give the protocol that keeps connections within the settings; they are shared by address."""
+    places = SharedPlaces(settings.max_connections)
 
     class Bounded(H11Protocol):
         """HTTP/1.1, with a bound on connections and a time within which a request must have its headers."""
@@ -22,11 +27,15 @@ def protocol_with(settings: Settings) -> type[asyncio.Protocol]:
         def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
             super().connection_made(transport)
             self._waiting: asyncio.TimerHandle | None = None
-            if len(self.connections) > settings.max_connections:
+            self._party = party_of_address({"client": self.client})
+            self._has_place = places.may_take(self._party)
+            _limit_unread(transport, settings.answer_timeout_seconds)
+            if self._has_place:
+                places.take(self._party)
+                self._wait_for_a_request()
+            else:
                 transport.write(_refusal(settings.max_connections))
                 transport.close()
-            else:
-                self._wait_for_a_request()
 
         def data_received(self, data: bytes) -> None:
             if self.transport.is_closing():
@@ -37,6 +46,8 @@ def protocol_with(settings: Settings) -> type[asyncio.Protocol]:
         def connection_lost(self, exc: Exception | None) -> None:
             if self._waiting is not None:
                 self._waiting.cancel()
+            if self._has_place:
+                places.give_back(self._party)
             super().connection_lost(exc)
 
         def _wait_for_a_request(self) -> None:
@@ -56,9 +67,22 @@ def protocol_with(settings: Settings) -> type[asyncio.Protocol]:
     return Bounded
 
 
+def _limit_unread(transport: asyncio.Transport, seconds: float) -> None:
+    """Have the kernel end a connection whose other end takes nothing of what is sent for so long.
+
+    Where the kernel has no such option (it is Linux's), who takes nothing only holds places of its own share.
+    """
+    opened: socket.socket | None = transport.get_extra_info("socket")
+    if opened is not None and opened.family in (socket.AF_INET, socket.AF_INET6) and hasattr(socket, UNREAD_LIMIT):
+        opened.setsockopt(socket.IPPROTO_TCP, getattr(socket, UNREAD_LIMIT), max(1, round(1000 * seconds)))
+
+
 def _refusal(most: int) -> bytes:
     """The whole answer to a connection that is one too many."""
-    detail = f"More than {most} connections are open (DYNIDENT_MAX_CONNECTIONS); try again in a moment."
+    detail = (
+        f"Too many connections are open, of {most} (DYNIDENT_MAX_CONNECTIONS), or of your share of them; "
+        "try again in a moment."
+    )
     body = json.dumps(make_problem(503, detail, title="Too busy").model_dump(exclude_none=True)).encode()
     head = (
         "HTTP/1.1 503 Service Unavailable\r\n"

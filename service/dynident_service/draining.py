@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+import os
 import signal
+import threading
 import time
 from collections.abc import Callable
 from types import FrameType
@@ -13,13 +15,17 @@ from anyio import CapacityLimiter, to_thread
 
 from dynident_service.jobs.engine import Engine
 
+LONGEST_END = 15.0
+"""Seconds from the last job to the end of the process. What takes longer hangs, as a request whose database does not
+answer; with the 10 s that jobs have, it ends within the 30 s that Kubernetes gives."""
 log = logging.getLogger("dynident.service")
 
 
 class DrainingServer(uvicorn.Server):
     """On SIGTERM lets jobs end for some seconds, while requests are still answered; then gives back what is left.
 
-    A second signal, or Ctrl-C, ends it at once: all jobs are given back.
+    A second signal, or Ctrl-C, ends it at once: all jobs are given back. Where something hangs, the process is ended
+    all the same after `LONGEST_END`.
     """
 
     def __init__(self, config: uvicorn.Config, engine: Callable[[], Engine], seconds: float) -> None:
@@ -27,9 +33,15 @@ class DrainingServer(uvicorn.Server):
         self._engine = engine
         self._seconds = seconds
         self._until: float | None = None
+        self._last_resort: threading.Timer | None = None
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Take a signal; what follows is done by the next tick, as nothing may wait in here."""
+        if self._last_resort is None:
+            until = LONGEST_END + (self._seconds if sig == signal.SIGTERM else 0.0)
+            self._last_resort = threading.Timer(until, _end_at_once)
+            self._last_resort.daemon = True
+            self._last_resort.start()
         if sig != signal.SIGTERM or self._until is not None or not self.started:
             super().handle_exit(sig, frame)
         else:
@@ -49,3 +61,10 @@ class DrainingServer(uvicorn.Server):
             return False
         await to_thread.run_sync(engine.close, limiter=CapacityLimiter(1))
         return True
+
+
+def _end_at_once() -> None:
+    """End the process as a kill would, which loses nothing: jobs are taken again when their lease has run out."""
+    log.error("the service does not end by itself: a request or the database hangs; it is ended now")
+    logging.shutdown()
+    os._exit(1)

@@ -7,6 +7,7 @@ import shutil
 import threading
 import time
 from collections import Counter
+from contextlib import suppress
 from datetime import timedelta
 from pathlib import Path
 
@@ -29,11 +30,15 @@ log = logging.getLogger("dynident.housekeeping")
 class Housekeeping:
     """Runs in a thread of its own from `start` to `close`; every process of a service may have one."""
 
-    def __init__(self, settings: Settings, database: Database, objects: ObjectStore) -> None:
+    def __init__(
+        self, settings: Settings, database: Database, objects: ObjectStore, abandoned_before: float = 0.0
+    ) -> None:
         self._settings = settings
         self._database = database
         self._objects = objects
         self._stop = threading.Event()
+        self._abandoned_before = abandoned_before
+        """Files that were being written before this time were left behind: no other service used the directory then."""
         self._examined: float | None = None
         self.condition = "ok"
         """What was found when all that is stored was last looked through, in a few words."""
@@ -50,7 +55,9 @@ class Housekeeping:
 
     def round(self) -> None:
         """Do once all that is due."""
-        sweep_uploads(self._settings.uploads_dir)
+        sweep_uploads(self._settings.uploads_dir, max(time.time() - ABANDONED, self._abandoned_before))
+        if self._abandoned_before and self._examined is None:
+            self._remove_what_was_being_written()
         forget_imports(self._database, timedelta(seconds=KEPT))
         swept = sweep(self._database, self._objects, timedelta(seconds=self._settings.deleted_kept_seconds))
         if swept:
@@ -69,6 +76,13 @@ class Housekeeping:
             log.error("what is stored is %s", self.condition)
         self._examined = time.monotonic()
 
+    def _remove_what_was_being_written(self) -> None:
+        """Remove what a service that was killed had begun to write into the object store and the cache."""
+        for path in (*self._objects.leftovers(), *self._settings.cache_dir.glob("tmp*")):
+            with suppress(FileNotFoundError):
+                if path.stat().st_mtime < self._abandoned_before:
+                    path.unlink()
+
     def _run(self) -> None:
         while not self._stop.is_set():
             try:
@@ -79,9 +93,13 @@ class Housekeeping:
             self._stop.wait(EVERY)
 
 
-def sweep_uploads(folder: Path) -> None:
-    """Remove what uploads left behind that were cut off by the end of the service."""
-    long_ago = time.time() - ABANDONED
+def sweep_uploads(folder: Path, before: float) -> None:
+    """Remove what has not changed since a time: uploads that were cut off by the end of the service."""
     for left in folder.glob("*"):
-        if left.stat().st_mtime < long_ago:
-            shutil.rmtree(left, ignore_errors=True)
+        with suppress(FileNotFoundError):
+            if left.stat().st_mtime >= before:
+                continue
+            if left.is_dir():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                left.unlink()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
+import re
 import secrets
 import time
 from dataclasses import asdict, dataclass
@@ -10,8 +10,11 @@ from datetime import datetime, timedelta
 from typing import Literal, cast
 
 from sqlalchemy import delete, select, update
+from starlette.datastructures import Headers
+from starlette.types import Scope as RequestScope
 
-from dynident_service.settings import Settings
+from dynident_service.fair_shares import party_of_address, party_of_key
+from dynident_service.settings import Settings, hash_of
 from dynident_service.storage.database import Database, clock
 from dynident_service.storage.quotas import UNLIMITED, Limits
 from dynident_service.storage.tables import KeyRow, now
@@ -19,6 +22,8 @@ from dynident_service.storage.tables import KeyRow, now
 Scope = Literal["read", "submit", "admin"]
 SCOPES: tuple[Scope, ...] = ("read", "submit", "admin")
 """Each allows what those before it allow: to look, to send and change, to delete."""
+STORES_NOTHING = re.compile("/v1/robots/[^/]+/poses/?")
+"""Paths to which a POST only asks: its question is too long for an address, and nothing is kept of it."""
 NOTED_EVERY = 60.0
 """Seconds after which the use of a key is noted again."""
 
@@ -35,9 +40,9 @@ class Holder:
     limits: Limits = UNLIMITED
     """Its own, which go before those of the settings."""
 
-    def may(self, method: str) -> bool:
-        """Tell whether the key allows requests of a method."""
-        return SCOPES.index(self.scope) >= SCOPES.index(needed_scope(method))
+    def may(self, method: str, path: str) -> bool:
+        """Tell whether the key allows requests of a method to a path."""
+        return SCOPES.index(self.scope) >= SCOPES.index(needed_scope(method, path))
 
     @property
     def is_expired(self) -> bool:
@@ -45,9 +50,9 @@ class Holder:
         return self.expires_at is not None and self.expires_at <= now()
 
 
-def needed_scope(method: str) -> Scope:
-    """What a key must allow for requests of a method."""
-    if method in ("GET", "HEAD", "OPTIONS"):
+def needed_scope(method: str, path: str) -> Scope:
+    """Tell what a key must allow for requests of a method to a path."""
+    if method in ("GET", "HEAD", "OPTIONS") or (method == "POST" and STORES_NOTHING.fullmatch(path)):
         return "read"
     return "admin" if method == "DELETE" else "submit"
 
@@ -82,18 +87,23 @@ def list_keys(database: Database) -> list[Holder]:
         return [_holder(row) for row in session.scalars(select(KeyRow).order_by(KeyRow.name, KeyRow.created_at))]
 
 
-def hash_of(key: str) -> str:
-    """SHA-256 is enough for a random key: there is no dictionary to try."""
-    return hashlib.sha256(key.encode()).hexdigest()
+def key_in(headers: Headers) -> str | None:
+    """Take the key of a request from its headers; `None` where it has none."""
+    scheme, _, token = headers.get("authorization", "").partition(" ")
+    if scheme.lower() == "bearer" and token:
+        return token.strip()
+    return headers.get("x-api-key")
 
 
 class KeyRing:
     """Tells whether a key is known, and what it allows."""
 
     def __init__(self, settings: Settings, database: Database) -> None:
-        self._configured = {hash_of(key.get_secret_value()) for key in settings.api_keys}
+        self._configured = {key.get_secret_value() for key in settings.api_keys}
         self._database = database
         self._noted: dict[str, float] = {}
+        self._names: dict[str, str] = {}
+        """Of the keys that were used, by their hashes: for who is counted before the database is asked."""
 
     def is_empty(self) -> bool:
         """Tell whether there is no key at all, so that nobody could ever enter."""
@@ -105,6 +115,18 @@ class KeyRing:
     def holder_of(self, key: str) -> Holder | None:
         """Give who uses a key, and note from time to time that it is used; `None` where it is not known."""
         hashed = hash_of(key)
+        holder = self._look_up(hashed)
+        if holder is not None:
+            self._names[hashed] = holder.name
+        return holder
+
+    def party_of(self, scope: RequestScope) -> str:
+        """Name the party that a request comes from: its key where that was used before, else its address."""
+        key = key_in(Headers(scope=scope))
+        name = None if key is None else self._names.get(hash_of(key))
+        return party_of_address(scope) if name is None else party_of_key(name)
+
+    def _look_up(self, hashed: str) -> Holder | None:
         if any(secrets.compare_digest(hashed, one) for one in self._configured):
             return Holder("DYNIDENT_API_KEYS")
         with self._database.read() as session:

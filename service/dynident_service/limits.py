@@ -6,7 +6,7 @@ import random
 import re
 import sys
 import time
-from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,6 +16,7 @@ from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from dynident_service.fair_shares import FairQueue, SharedPlaces, Ticket, party_of_address, party_of_key
 from dynident_service.problem_responses import respond
 from dynident_service.problems import make_problem
 from dynident_service.settings import Settings
@@ -66,13 +67,19 @@ class Allowance:
 
 def allowance(scope: Scope, settings: Settings) -> Allowance:
     """Tell what a request may send; its content type alone opens nothing."""
-    path = scope["path"].rstrip("/")
     is_form = Headers(scope=scope).get("content-type", "").lower().startswith("multipart/")
-    is_upload = (path in UPLOADS and scope["method"] == "POST") or (MESHES.fullmatch(path) and scope["method"] == "PUT")
-    if is_upload and is_form:
+    if is_form and is_upload(scope):
         return Allowance(settings.max_upload_bytes, None, "DYNIDENT_MAX_UPLOAD_BYTES")
-    values = MOST_SAMPLES if path in TRAJECTORIES else MOST_VALUES
+    values = MOST_SAMPLES if scope["path"].rstrip("/") in TRAJECTORIES else MOST_VALUES
     return Allowance(settings.max_body_bytes, values, "DYNIDENT_MAX_BODY_BYTES")
+
+
+def is_upload(scope: Scope) -> bool:
+    """Tell whether a request sends files that will be stored."""
+    path = scope["path"].rstrip("/")
+    return (path in UPLOADS and scope["method"] == "POST") or (
+        MESHES.fullmatch(path) is not None and scope["method"] == "PUT"
+    )
 
 
 class BodyLimit:
@@ -137,102 +144,131 @@ class _Meter:
 class Turn:
     """One request among those under way: it may turn out to take long.
 
-    Short ones, and those that begin to follow a job, are answered in the order in which they came, a few at a time: of
-    many that share the processor each would be answered as late as the last.
+    Short ones, and those that begin to follow a job, are answered a few at a time: of many that share the processor
+    each would be answered as late as the last. Who sends or reads slowly keeps nobody waiting: a request has a place
+    among the short ones from when all of it is there until its answer begins.
     """
 
-    def __init__(self, under_way: Counter[Pace], pace: Pace, order: anyio.Semaphore) -> None:
-        self._under_way = under_way
-        self._pace = pace
-        self._order = order
-        self._state: Literal["waiting", "answered", "over"] = "over" if pace == "long" else "waiting"
+    def __init__(self, party: str, places: SharedPlaces, short: SharedPlaces | None, queue: FairQueue | None) -> None:
+        self.party = party
+        self._places = places
+        self._short = short
+        self._queue = queue
+        self._ticket: Ticket | None = None
 
     def __enter__(self) -> Turn:
-        self._under_way[self._pace] += 1
+        self._places.take(self.party)
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._leave()
-        self._under_way[self._pace] -= 1
+        self.take_long()
+        self._places.give_back(self.party)
 
     def take_long(self) -> None:
         """Make room for short ones: this one only waits for something that is computed elsewhere."""
-        self._leave()
-        self._under_way[self._pace] -= 1
-        self._pace = "long"
-        self._under_way[self._pace] += 1
+        ticket, queue = self._ticket, self._queue
+        self._ticket = self._queue = None
+        if ticket is not None and queue is not None:
+            if self._short is not None:
+                self._short.give_back(self.party)
+            queue.leave(ticket)
+
+    def charge(self, party: str) -> None:
+        """Count the request for another party, now that it is known who sent it."""
+        pools = [self._places]
+        if self._ticket is not None:
+            self._ticket.party = party
+            pools += [] if self._short is None else [self._short]
+        for pool in pools:
+            pool.give_back(self.party)
+            pool.take(party)
+        self.party = party
 
     async def go_through(self, app: ASGIApp, scope: Scope, receive: Receive, send: Send) -> None:
-        """Have a request answered when it is its turn: from when all of it is there until the answer begins."""
+        """Have a request answered when it is its turn."""
 
         async def received() -> Message:
             message = await receive()
-            # Who sends slowly keeps nobody waiting.
             if message["type"] == "http.request" and not message.get("more_body", False):
-                await self._enter()
+                await self._wait()
             return message
 
         async def sent(message: Message) -> None:
-            # Nor does who reads slowly.
             if message["type"] == "http.response.start":
-                self._leave()
+                self.take_long()
             await send(message)
 
         headers = Headers(scope=scope)
         if headers.get("content-length", "0") == "0" and "transfer-encoding" not in headers:
-            await self._enter()
+            await self._wait()
         await app(scope, received, sent)
 
-    async def _enter(self) -> None:
-        if self._state == "waiting":
-            await self._order.acquire()
-            self._state = "answered"
-
-    def _leave(self) -> None:
-        if self._state == "answered":
-            self._order.release()
-        self._state = "over"
+    async def _wait(self) -> None:
+        queue = self._queue
+        if queue is None or self._ticket is not None:
+            return
+        if self._short is not None:
+            self._short.take(self.party)
+        self._ticket = Ticket(self.party)
+        try:
+            await queue.wait(self._ticket)
+        except BaseException:
+            # It waits no more.
+            self._ticket = None
+            if self._short is not None:
+                self._short.give_back(self.party)
+            raise
 
 
 class Admission:
-    """Answers 429 when too many requests are under way, instead of letting all of them wait."""
+    """Answers 429 when too many requests are under way, instead of letting all of them wait.
 
-    def __init__(self, app: ASGIApp, settings: Settings) -> None:
+    Places are shared by party (`fair_shares`); before a key was seen for the first time it counts by its address.
+    """
+
+    def __init__(self, app: ASGIApp, settings: Settings, party_of: Callable[[Scope], str] = party_of_address) -> None:
         self._app = app
         self._settings = settings
-        self._under_way: Counter[Pace] = Counter()
-        self._order: anyio.Semaphore | None = None
+        self._party_of = party_of
+        self._requests = SharedPlaces(settings.max_requests)
+        self._followers = SharedPlaces(settings.max_followers)
+        self._short = SharedPlaces(MOST_A_THREAD * settings.request_threads)
         waits = not settings.database.startswith("sqlite")
-        self._at_a_time = settings.request_threads if waits else min(AT_A_TIME, settings.request_threads)
+        self._queue = FairQueue(settings.request_threads if waits else min(AT_A_TIME, settings.request_threads))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request through while there is room for it; those that only follow a job are counted apart."""
         if scope["type"] != "http" or scope["path"] in ALWAYS_ANSWERED:
             return await self._app(scope, receive, send)
-        pace = _pace(scope)
-        refusal = self._refusal(pace)
+        pace, party = _pace(scope), self._party_of(scope)
+        refusal = self._refusal(pace, party)
         if refusal is not None:
             again = {"retry-after": str(random.randint(1, LONGEST_RETRY)), "connection": "close"}
             return await respond(make_problem(429, refusal, title="Too busy"), again)(scope, receive, send)
-        # Of the event loop that answers.
-        self._order = self._order or anyio.Semaphore(self._at_a_time)
-        with Turn(self._under_way, pace, self._order) as turn:
+        places = self._followers if pace == "following" else self._requests
+        short = self._short if pace == "short" else None
+        with Turn(party, places, short, None if pace == "long" else self._queue) as turn:
             scope[TURN] = turn
             return await turn.go_through(self._app, scope, receive, send)
 
-    def _refusal(self, pace: Pace) -> str | None:
-        settings, count = self._settings, self._under_way
+    def _refusal(self, pace: Pace, party: str) -> str | None:
         if pace == "following":
-            if count[pace] < settings.max_followers:
-                return None
-            return f"More than {settings.max_followers} jobs are followed (DYNIDENT_MAX_FOLLOWERS); try again soon."
-        if count["short"] + count["long"] >= settings.max_requests:
-            return f"More than {settings.max_requests} requests are under way (DYNIDENT_MAX_REQUESTS); try again soon."
-        most = MOST_A_THREAD * settings.request_threads
-        if pace == "short" and count[pace] >= most:
+            return _share_used_up(self._followers, party, "jobs are followed", "DYNIDENT_MAX_FOLLOWERS")
+        refusal = _share_used_up(self._requests, party, "requests are under way", "DYNIDENT_MAX_REQUESTS")
+        if refusal is None and pace == "short":
             each = f"{MOST_A_THREAD} for each of DYNIDENT_REQUEST_THREADS"
-            return f"More than {most} requests wait to be answered ({each}); try again soon."
+            return _share_used_up(self._short, party, "requests wait to be answered", each)
+        return refusal
+
+
+def _share_used_up(places: SharedPlaces, party: str, doing: str, setting: str) -> str | None:
+    """Why a party may have no other place; `None` where it may."""
+    if places.may_take(party):
         return None
+    return (
+        f"{places.held[party]} of your {doing}, {places.held.total()} of all; there may be {places.total} ({setting}), "
+        "of which some stay free for others. Try again soon."
+    )
 
 
 def take_long(scope: Scope) -> None:
@@ -240,6 +276,19 @@ def take_long(scope: Scope) -> None:
     turn = scope.get(TURN)
     if isinstance(turn, Turn):
         turn.take_long()
+
+
+def charge_key(scope: Scope, name: str) -> None:
+    """Count a request for the key that it was sent with."""
+    turn = scope.get(TURN)
+    if isinstance(turn, Turn):
+        turn.charge(party_of_key(name))
+
+
+def party_of_request(scope: Scope) -> str:
+    """Name the party for whom a request counts."""
+    turn = scope.get(TURN)
+    return turn.party if isinstance(turn, Turn) else party_of_address(scope)
 
 
 def _pace(scope: Scope) -> Pace:

@@ -52,11 +52,20 @@ def working_on(job_id: str | None, request_id: str | None) -> Iterator[None]:
         _request.reset(request)
 
 
+def time_of(record: logging.LogRecord) -> str:
+    """Give the time of a line: RFC 3339, UTC."""
+    return datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
+
+
 class TextLines(logging.Formatter):
-    """`INFO dynident.access: GET /v1/robots 200 in 3.1 ms [request 5f0c…]`."""
+    """`2026-11-27T03:01:41.512+00:00 INFO dynident.access: GET /v1/robots 200 in 3.1 ms [request 5f0c…]`."""
 
     def __init__(self) -> None:
-        super().__init__("%(levelname)s %(name)s: %(message)s")
+        super().__init__("%(asctime)s %(levelname)s %(name)s: %(message)s")
+
+    def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:
+        """Give the time as JSON lines do."""
+        return time_of(record)
 
     def formatMessage(self, record: logging.LogRecord) -> str:
         """Write a line, but for what was raised."""
@@ -70,7 +79,7 @@ class JsonLines(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         """Write one line."""
         told = {
-            "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
+            "time": time_of(record),
             "level": record.levelname.lower(),
             "logger": record.name,
             "message": record.getMessage(),

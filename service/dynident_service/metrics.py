@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from anyio import CapacityLimiter
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Counter, Histogram, generate_latest
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
@@ -20,6 +21,8 @@ class Metrics:
 
     def __init__(self) -> None:
         self._registry = CollectorRegistry()
+        self.thread = CapacityLimiter(1)
+        """One thread gives the figures: those that ask while a database hangs hold no further one."""
         self._requests = Counter(
             "dynident_requests", "Requests answered.", ("method", "route", "status"), registry=self._registry
         )

@@ -11,7 +11,8 @@ from anyio import to_thread
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from dynident_service.keys import Holder, KeyRing, needed_scope
+from dynident_service.keys import Holder, KeyRing, key_in, needed_scope
+from dynident_service.limits import charge_key
 from dynident_service.metrics import Metrics
 from dynident_service.problem_responses import respond
 from dynident_service.problems import Problem, make_problem
@@ -48,14 +49,15 @@ class Gate:
         if self._settings.needs_keys:
             if scope["path"] == "/" or scope["path"].startswith(PAGE):
                 return await self._app(scope, receive, send)  # the page holds no data, and asks for the key itself
-            key = _key_in(headers)
+            key = key_in(headers)
             holder = None if key is None else await to_thread.run_sync(self._keys().holder_of, key)
-            refused = _refusal(holder, scope["method"])
+            refused = _refusal(holder, scope["method"], scope["path"])
             if refused is not None:
                 challenge = {"www-authenticate": "Bearer"} if refused.status == 401 else None
                 return await respond(refused, challenge)(scope, receive, send)
             scope[HOLDER] = holder
             assert holder is not None
+            charge_key(scope, holder.name)
             act_for(Account(holder.name, holder.limits.or_else(self._limits)))
         elif not is_loopback(_host(headers.get("host", ""))):
             detail = "Without API keys the service answers to localhost alone; set DYNIDENT_REQUIRE_KEYS to open it."
@@ -72,7 +74,7 @@ class Gate:
         return urlsplit(origin).netloc == headers.get("host")
 
 
-def _refusal(holder: Holder | None, method: str) -> Problem | None:
+def _refusal(holder: Holder | None, method: str, path: str) -> Problem | None:
     """Why a request may not enter; `None` where it may."""
     if holder is None:
         detail = "This service asks for an API key, as 'Authorization: Bearer …' or 'X-API-Key: …'."
@@ -82,8 +84,9 @@ def _refusal(holder: Holder | None, method: str) -> Problem | None:
             f"The key {holder.name!r} ended on {holder.expires_at:%Y-%m-%d}; ask whoever runs the service for another."
         )
         return make_problem(401, detail, title="API key expired")
-    if not holder.may(method):
-        detail = f"The key {holder.name!r} allows to {holder.scope}; {method} asks for one with {needed_scope(method)}."
+    if not holder.may(method, path):
+        needed = needed_scope(method, path)
+        detail = f"The key {holder.name!r} allows to {holder.scope}; {method} asks for one with {needed}."
         return make_problem(403, detail, title="Not allowed by this key")
     return None
 
@@ -140,13 +143,6 @@ class Timing:
             # The template, not the path: one series a route, not one a resource.
             route = getattr(scope.get("route"), "path", "none")
             self._metrics.count(scope["method"], route, noted.status, time.perf_counter() - started)
-
-
-def _key_in(headers: Headers) -> str | None:
-    scheme, _, token = headers.get("authorization", "").partition(" ")
-    if scheme.lower() == "bearer" and token:
-        return token.strip()
-    return headers.get("x-api-key")
 
 
 def _host(header: str) -> str:

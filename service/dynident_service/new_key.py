@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import closing
 from dataclasses import asdict
 from datetime import datetime
 
+from dynident.errors import DynidentError
 from dynident_service.keys import SCOPES, create_key, list_keys, revoke_keys
-from dynident_service.settings import Settings
+from dynident_service.settings import load_settings
+from dynident_service.storage.data_directory import prepare_data_directory, private_files
 from dynident_service.storage.database import Database
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.quotas import Limits
+
+MOST_DAYS = 36500
+"""A century; the calendar of computers ends with the year 9999."""
+MOST = 2**63 - 1
+"""What a column of the database holds."""
 
 
 def main(arguments: list[str]) -> int:
@@ -20,7 +28,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("name", nargs="?", help="what the key is for")
     parser.add_argument("--scope", choices=SCOPES, default="admin", help="look; send and change; delete, too (default)")
     parser.add_argument("--owner", help="who answers for it")
-    parser.add_argument("--days", type=float, help="after how many days it ends; never by default")
+    parser.add_argument("--days", type=_days, help="after how many days it ends; never by default")
     parser.add_argument("--quota-bytes", type=_number, help="how many bytes of files it may have; 0: any")
     parser.add_argument("--quota-recordings", type=_number, help="how many recordings it may have; 0: any")
     parser.add_argument("--quota-jobs", type=_number, help="how many jobs of it may be under way; 0: any")
@@ -29,30 +37,51 @@ def main(arguments: list[str]) -> int:
     asked = parser.parse_args(arguments)
     if not asked.list and asked.name is None:
         parser.error("give the key a name")
-    database = Database(Settings().database)
-    migrate(database)
     try:
-        if asked.list:
-            for one in list_keys(database):
-                used = f"used {_day(one.last_used_at)}, ends {_day(one.expires_at)}"
-                print(f"{one.name}: {one.scope}, owner {one.owner or 'not said'}, {used}{_own(one.limits)}")
-        elif asked.revoke:
-            if revoke_keys(database, asked.name) == 0:
-                print(f"there is no key {asked.name!r}", file=sys.stderr)
-                return 1
-        else:
-            limits = Limits(asked.quota_bytes, asked.quota_recordings, asked.quota_jobs)
-            print(create_key(database, asked.name, asked.scope, asked.owner, asked.days, limits))
-    finally:
-        database.close()
+        return _run(asked)
+    except DynidentError as error:
+        print(f"{parser.prog}: {error.detail}", file=sys.stderr)
+        return 2
+
+
+def _run(asked: argparse.Namespace) -> int:
+    settings = load_settings()
+    with private_files():
+        prepare_data_directory(settings.data_dir)
+        with closing(Database(settings.database)) as database:
+            migrate(database)
+            return _manage_keys(database, asked)
+
+
+def _manage_keys(database: Database, asked: argparse.Namespace) -> int:
+    if asked.list:
+        for one in list_keys(database):
+            used = f"used {_day(one.last_used_at)}, ends {_day(one.expires_at)}"
+            print(f"{one.name}: {one.scope}, owner {one.owner or 'not said'}, {used}{_own(one.limits)}")
+    elif asked.revoke:
+        if revoke_keys(database, asked.name) == 0:
+            print(f"there is no key {asked.name!r}", file=sys.stderr)
+            return 1
+    else:
+        limits = Limits(asked.quota_bytes, asked.quota_recordings, asked.quota_jobs)
+        print(create_key(database, asked.name, asked.scope, asked.owner, asked.days, limits))
     return 0
 
 
-def _number(said: str) -> int:
-    number = int(said)
-    if number < 0:
-        raise ValueError(said)
-    return number
+def _days(text: str) -> float:
+    try:
+        days = float(text)
+    except ValueError:
+        days = 0.0
+    if not 0 < days <= MOST_DAYS:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of days above 0 and up to {MOST_DAYS}")
+    return days
+
+
+def _number(text: str) -> int:
+    if not text.isdecimal() or int(text) > MOST:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 0 to {MOST}")
+    return int(text)
 
 
 def _own(limits: Limits) -> str:

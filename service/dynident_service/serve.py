@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 
 import uvicorn
@@ -11,19 +12,24 @@ from dynident_service import traces
 from dynident_service.app import create_app
 from dynident_service.connections import protocol_with
 from dynident_service.draining import DrainingServer
+from dynident_service.environment import forget_keys
 from dynident_service.logs import configure
-from dynident_service.settings import Settings
+from dynident_service.settings import Settings, load_settings
+from dynident_service.storage.data_directory import PRIVATE, prepare_data_directory
 
 
 def serve(settings: Settings | None = None) -> None:
     """Answer requests until interrupted, or told to terminate."""
-    settings = settings or Settings()
+    settings = settings or load_settings()
+    forget_keys()
+    os.umask(os.umask(PRIVATE) | PRIVATE)
     if settings.database.startswith("postgresql"):
         # Said at once where it is missing, and not by a traceback while the service starts.
         import_module("psycopg")
     if settings.traces:
         traces.require()
     configure(settings.log_level, settings.log_format)
+    prepare_data_directory(settings.data_dir)
     app = create_app(settings)
     DrainingServer(configuration(app, settings), lambda: app.state.services.engine, settings.drain_seconds).run()
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, cast
@@ -14,12 +15,15 @@ from fastapi import Depends, Request
 from dynident_service.awaited import Awaited
 from dynident_service.following import Following
 from dynident_service.housekeeping import Housekeeping
+from dynident_service.jobs.confinement import REQUEST_MEMORY, Confinement, Folders
 from dynident_service.jobs.engine import Engine
 from dynident_service.jobs.nursery import Nursery
 from dynident_service.models.verdicts import VerdictView
 from dynident_service.quotas import limits_of
+from dynident_service.readiness import Readiness
 from dynident_service.remembered import Remembered
 from dynident_service.settings import Settings
+from dynident_service.storage.data_directory import mark_in_use, prepare_data_directory
 from dynident_service.storage.database import Database
 from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.migrate import migrate
@@ -43,6 +47,7 @@ class Services:
     housekeeping: Housekeeping
     awaited: Awaited
     following: Following
+    readiness: Readiness
     verdicts: Remembered[VerdictView] = field(default_factory=lambda: Remembered(MOST_VERDICTS))
 
     @contextmanager
@@ -57,27 +62,37 @@ class Services:
 @contextmanager
 def open_services(settings: Settings, nursery: Nursery) -> Iterator[Services]:
     """Open the storage, bring the database up to date, and start the engine in the background."""
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
-    database = Database(settings.database)
-    try:
+    prepare_data_directory(settings.data_dir)
+    with mark_in_use(settings.data_dir) as is_alone, closing(Database(settings.database)) as database:
+        abandoned_before = time.time() if is_alone else 0.0
         migrate(database)
         objects = ObjectStore(settings.objects, settings.cache_dir)
         ledger = Ledger(database, settings.max_attempts)
         following = Following(ledger)
         engine = Engine(settings, ledger, nursery, following.nudge)
         engine.start()
-        housekeeping = Housekeeping(settings, database, objects)
+        housekeeping = Housekeeping(settings, database, objects, abandoned_before)
         housekeeping.start()
-        awaited = Awaited(settings.request_workers, nursery)
+        awaited = Awaited(settings.request_workers, nursery, confine_readers(settings, objects))
         resources = Resources(database, objects, limits_of(settings))
         try:
-            yield Services(settings, database, objects, resources, ledger, engine, housekeeping, awaited, following)
+            readiness = Readiness(database, objects, awaited)
+            yield Services(
+                settings, database, objects, resources, ledger, engine, housekeeping, awaited, following, readiness
+            )
         finally:
             awaited.close()
             housekeeping.close()
             engine.close()
-    finally:
-        database.close()
+
+
+def confine_readers(settings: Settings, objects: ObjectStore) -> Confinement:
+    """Confine the processes that read what strangers sent: to uploads and stored files, without a network."""
+    uploads = settings.uploads_dir.resolve()
+    for folder in (uploads, objects.local_folder):
+        folder.mkdir(parents=True, exist_ok=True)  # one that is made later could not be allowed
+    folders = Folders(settings.data_dir.resolve(), (objects.local_folder,), (uploads,))
+    return Confinement(min(REQUEST_MEMORY, settings.job_memory), uploads, folders)
 
 
 async def services_of(request: Request) -> Services:

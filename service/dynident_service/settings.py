@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
 import ipaddress
 import os
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, SecretStr, field_validator
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import ByteSize, Field, SecretStr, ValidationError, field_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
+
+from dynident.errors import DynidentError
+from dynident_service.environment import is_secret
 
 MEGABYTE = 1_000_000
+LARGEST_BATCH = 10_000
+"""Identifications that one request may ask for whatever the setting: all are stored in one transaction, for which all
+who write wait."""
 
 
 class LogSettings(BaseSettings):
@@ -33,31 +40,51 @@ class Settings(LogSettings):
     object_store_url: str = Field(default="", description="Default: a folder in the data directory; or s3://bucket.")
     dask_scheduler: str = Field(default="", description="tcp://host:port of a running cluster; default: a local one.")
     workers: int = Field(default_factory=lambda: max(1, os.cpu_count() or 1), ge=1, description="Jobs at a time.")
-    request_workers: int = Field(default=2, ge=1, description="Computations at a time that requests wait for.")
+    request_workers: int = Field(
+        default=4, ge=1, description="Computations at a time that requests wait for; one of several reads no files."
+    )
     max_upload_bytes: int = Field(default=4_000 * MEGABYTE, ge=1, description="Largest recording.")
     max_body_bytes: int = Field(default=32 * MEGABYTE, ge=1, description="Largest body of any other request.")
     request_threads: int = Field(default=8, ge=1, description="Requests at a time that read or write the database.")
     max_connections: int = Field(default=500, ge=1, description="Connections at a time.")
     max_requests: int = Field(default=100, ge=1, description="Requests at a time, but for those that follow a job.")
     max_followers: int = Field(default=200, ge=1, description="Requests at a time that follow a job.")
-    max_batch: int = Field(default=1000, ge=1, description="Identifications that one request may ask for.")
+    max_batch: int = Field(
+        default=1000, ge=1, le=LARGEST_BATCH, description="Identifications that one request may ask for."
+    )
     header_timeout_seconds: float = Field(default=20.0, gt=0, description="How long a request may take to begin.")
     body_timeout_seconds: float = Field(default=30.0, gt=0, description="How long a body may not come on.")
+    answer_timeout_seconds: float = Field(default=30.0, gt=0, description="How long nothing of an answer may be taken.")
     slowest_upload_bytes_per_second: float = Field(default=10_000.0, gt=0, description="A body must come as fast.")
     reserved_bytes: int = Field(default=100 * MEGABYTE, ge=0, description="Room on the disk that uploads leave free.")
     quota_bytes: int = Field(default=0, ge=0, description="Of recordings and meshes that a key may have; 0: any.")
     quota_recordings: int = Field(default=0, ge=0, description="How many recordings a key may have; 0: any.")
     quota_jobs: int = Field(default=0, ge=0, description="Jobs of a key queued or running at a time; 0: any.")
-    api_keys: list[SecretStr] = Field(default=[], description="Keys accepted besides those in the database.")
+    api_keys: list[SecretStr] = Field(
+        default=[], description="Keys accepted besides those in the database; here only the hash of each is kept."
+    )
     require_keys: bool = Field(default=False, description="Ask for a key on the loopback interface too.")
+    public_url: str = Field(
+        default="",
+        pattern=r"^(https?://[^\s/?#@]+(/[^\s?#]*)?)?$",
+        description="Where users reach the service, https://…: reports lead back there. Default: where it listens.",
+    )
     allowed_origins: list[str] = Field(default=[], description="Web pages of other origins that may call the service.")
     max_attempts: int = Field(default=3, ge=1, description="How often a job is tried whose worker keeps dying.")
     job_deadline_seconds: float = Field(
         default=12 * 3600.0, gt=0, description="How long one attempt at a job may take."
     )
+    job_memory: ByteSize = Field(
+        default=ByteSize(4_000 * MEGABYTE), ge=200 * MEGABYTE, description="Most that one job may take, as 4GB."
+    )
     drain_seconds: float = Field(default=10.0, ge=0, description="How long jobs may go on when the service ends.")
     history_kept_days: float = Field(default=30.0, gt=0, description="How long events and retry keys are kept.")
     deleted_kept_seconds: float = Field(default=3600.0, ge=60, description="How long deleted files are kept.")
+
+    @field_validator("api_keys")
+    @classmethod
+    def _keep_hashes(cls, keys: list[SecretStr]) -> list[SecretStr]:
+        return [SecretStr(hash_of(key.get_secret_value())) for key in keys]
 
     @field_validator("database_url")
     @classmethod
@@ -96,6 +123,30 @@ class Settings(LogSettings):
     def needs_keys(self) -> bool:
         """Whether requests must carry an API key."""
         return self.require_keys or not self.is_loopback
+
+
+def load_settings(**given: object) -> Settings:
+    """Read the settings of the environment, with those that are given in their stead.
+
+    Raises
+    ------
+    DynidentError
+        For one that cannot be used, with its name.
+    """
+    try:
+        return Settings(**given)  # type: ignore[arg-type]
+    except (ValidationError, SettingsError) as error:
+        if isinstance(error, SettingsError):
+            raise DynidentError(f"{error}; lists are JSON", title="Unusable setting") from error
+        first = error.errors()[0]
+        name = f"DYNIDENT_{first['loc'][0]}".upper()
+        told = "" if is_secret(name) else f" (it is {first['input']!r})"
+        raise DynidentError(f"{first['msg']}{told}", pointer=name, title="Unusable setting") from error
+
+
+def hash_of(key: str) -> str:
+    """Hash an API key: SHA-256 is enough for a random one, since there is no dictionary to try."""
+    return hashlib.sha256(key.encode()).hexdigest()
 
 
 def is_loopback(host: str) -> bool:

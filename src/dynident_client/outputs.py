@@ -72,6 +72,10 @@ class Identifications(Labelled[Identification]):
         """Read which identifications were asked for together, and how many are in which state."""
         return Batch(self._transport, self._transport.get(f"{Batch.path}/{id_of(batch)}", dict))
 
+    def cancel_batch(self, batch: Batch | str) -> Batch:
+        """Stop all of them that have not ended."""
+        return Batch(self._transport, self._transport.post(f"{Batch.path}/{id_of(batch)}/cancel", dict))
+
     def forget_batch(self, batch: Batch | str) -> None:
         """Delete what says that they were asked for together; the identifications stay."""
         self._transport.delete(f"{Batch.path}/{id_of(batch)}")

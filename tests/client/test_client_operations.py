@@ -60,6 +60,7 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.identifications.create("r1", ["m1"]),
         lambda c: c.identifications.create_many([{"robot_id": "r1", "measurement_ids": ["m1"]}]),
         lambda c: c.identifications.batch("x1"),
+        lambda c: c.identifications.cancel_batch("x1"),
         lambda c: c.identifications.forget_batch("x1"),
         lambda c: c.identifications.extend("x1", ["offset"]),
         lambda c: c.identifications.remove("x1", [{"effect": "offset", "joints": ["elbow"]}]),

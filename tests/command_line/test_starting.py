@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from running_commands import dynident, write_run
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from dynident.version import __version__
@@ -136,3 +137,14 @@ def test_one_identifies_without_loading_what_takes_longer_to_load_than_that(tmp_
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stderr.splitlines()[-1].startswith("[] ")
     assert json.loads(done.stdout)["parameters"]
+
+
+def test_every_flag_of_a_request_can_be_switched_off() -> None:
+    flags = {
+        (verb, parameter.name): parameter.secondary_opts
+        for verb, command in get_command(program("")).commands.items()  # type: ignore[attr-defined]
+        for parameter in command.params
+        if getattr(parameter, "is_flag", False) and parameter.default is True
+    }
+    assert ("identify", "weigh_turns") in flags
+    assert all(flags.values()), flags

@@ -23,6 +23,7 @@ from dynident.export.c_instructions import c_statements
 from dynident.export.casadi_function import casadi_bytes, to_casadi
 from dynident.export.document import model_from_json, to_json
 from dynident.export.formula import torque_formula
+from dynident.export.predicting_model import PredictingModel
 from dynident.identification import Identification
 from dynident.regressors.further_signals import FurtherSignals
 from dynident.robot import robot_from_urdf
@@ -85,6 +86,54 @@ def test_a_casadi_function_gives_the_predicted_torque_sample_by_sample(model: Id
         found = function(**{name: given[name] for name in function.name_in()})
         np.testing.assert_allclose(np.array(found["tau"])[:, 0], torque, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
         z, before = np.array(found.get("z_next", z)).reshape(-1), motion.q[k]
+
+
+REMEMBERS = "hysteresis on a tree"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_predictor_gives_the_torque_of_the_whole_motion_in_whatever_pieces_it_comes(seed: int) -> None:
+    known = MODELS[REMEMBERS]()
+    motion, rng = path(known.model.robot), np.random.default_rng(seed)
+    expected = predicted(known, motion)
+    for model in (PredictingModel.of(known), model_from_json(to_json(known))):
+        predictor = model.predictor()
+        for _ in range(2):  # a new motion begins as the first one did
+            predictor.reset()
+            pieces, first = [], 0
+            while first < len(motion.q):
+                rows = slice(first, first := first + int(rng.integers(1, 40)))
+                if rng.random() < 0.3:
+                    moment = rows.start
+                    pieces.append(predictor.step(motion.q[moment], motion.dq[moment], motion.ddq[moment])[None])
+                    first = moment + 1
+                else:
+                    pieces.append(predictor.torque(motion.q[rows], motion.dq[rows], motion.ddq[rows]))
+            found = np.concatenate(pieces)
+            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_single_sample_of_a_model_that_remembers_is_refused_with_the_way_out() -> None:
+    model = PredictingModel.of(MODELS[REMEMBERS]())
+    sample = np.ones((1, model.robot.n))
+    with pytest.raises(DynidentError, match=r"predictor\(\) once and call its step\(\)"):
+        model.torque(sample, sample, sample)
+    # In steady motion it is what a long way in that direction leaves.
+    ways = np.linspace(0.0, 1.0, 2000)[:, None] * np.ones(model.robot.n)
+    steady = model.torque(ways, np.ones_like(ways), np.ones_like(ways))[-1]
+    np.testing.assert_allclose(model.torque(sample, sample, sample, sliding=True)[0], steady, rtol=1e-9)
+    plain = PredictingModel.of(MODELS["plain"]())
+    assert plain.torque(*(np.ones((1, plain.robot.n)),) * 3).shape == (1, plain.robot.n)
+
+
+def test_a_casadi_function_without_its_memory_gives_no_number_rather_than_a_wrong_one(tmp_path: Path) -> None:
+    model = MODELS[REMEMBERS]()
+    (tmp_path / "model.casadi").write_bytes(casadi_bytes(model))
+    for function in (to_casadi(model), ca.Function.load(str(tmp_path / "model.casadi"))):
+        ones = np.ones(model.model.robot.n)
+        assert np.isnan(np.array(function(q=ones, dq=ones, ddq=ones)["tau"])).any()
+        states = np.zeros(len(model.model.observation.memory))
+        assert np.isfinite(np.array(function(q=ones, dq=ones, ddq=ones, z=states, q_before=ones)["tau"])).all()
 
 
 def test_a_casadi_file_read_back_is_the_same_function(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import shutil
 import signal
 import subprocess
 import tempfile
+import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 from fastapi.testclient import TestClient
 from installations import installed
 from service_helpers import SCIENCE, TWO_JOINTS, app_of, free_port, wait_for
+from sqlalchemy import text
 
 from dynident_client import Client
 from dynident_service.services import Services
@@ -57,6 +59,22 @@ def ledger(tmp_path: Path) -> Iterator[Ledger]:
     database = Database(f"sqlite:///{tmp_path / 'ledger.sqlite3'}")
     migrate(database)
     yield Ledger(database, max_attempts=2)
+    database.close()
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def new_database(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Database]:
+    """A database of each kind, without tables."""
+    url = f"sqlite:///{tmp_path / 'new.sqlite3'}"
+    if request.param == "postgresql":
+        server, name = str(request.getfixturevalue("postgresql")), f"new_{uuid.uuid4().hex}"
+        first = Database(server)
+        with first.engine.execution_options(isolation_level="AUTOCOMMIT").connect() as connection:
+            connection.execute(text(f"CREATE DATABASE {name}"))
+        first.close()
+        url = server.rpartition("/")[0] + f"/{name}"
+    database = Database(url)
+    yield database
     database.close()
 
 

@@ -7,6 +7,7 @@ import errno
 import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -171,3 +172,16 @@ def goes_on(task: Task) -> Outcome:
         if step == 6 and began == 0:
             os.kill(os.getpid(), signal.SIGKILL)
     return Outcome()
+
+
+def read_as_it_says(kind: str, request: dict[str, Any], result: dict[str, Any], files: dict[str, str]) -> str | None:
+    if request["it"] == "dies":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if request["it"] == "hangs":
+        time.sleep(60)
+    return None
+
+
+def variables(names: list[str]) -> dict[str, str | None]:
+    """The environment that a child sees, and what it can read from its standard input."""
+    return {**{name: os.environ.get(name) for name in names}, "standard input": sys.stdin.read()}

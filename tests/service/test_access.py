@@ -154,3 +154,31 @@ def test_keys_are_listed_with_their_last_use_and_revoked(
     assert KeyRing(Settings(), database).holder_of(key) is None
     assert new_key.main(["cell 7", "--revoke"]) == 1
     database.close()
+
+
+def test_a_key_that_may_only_look_asks_for_poses_and_posts_nothing_else(guarded: TestClient) -> None:
+    database: Database = guarded.app.state.services.database  # type: ignore[attr-defined]
+    headers = {"x-api-key": create_key(database, "onlooker", "read")}
+    paths = guarded.get("/openapi.json", headers=headers).json()["paths"]
+    posts = [path.replace("{", "").replace("}", "") for path, operations in paths.items() if "post" in operations]
+    allowed = {path for path in posts if guarded.post(path, json={}, headers=headers).status_code != 403}
+    assert allowed == {"/v1/robots/robot_id/poses"}
+
+
+@pytest.mark.parametrize("days", ["1e9", "nan", "inf", "-1", "0", "soon"])
+def test_a_key_ends_after_a_number_of_days_that_a_calendar_has(days: str, capsys: pytest.CaptureFixture[str]) -> None:
+    from dynident_service import new_key
+
+    with pytest.raises(SystemExit) as ended:
+        new_key.main(["cell 7", f"--days={days}"])
+    assert ended.value.code == 2
+    assert f"'{days}' is no number of days above 0 and up to 36500" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", ["-1", "1.5", "9223372036854775808"])
+def test_a_quota_is_a_whole_number_that_the_database_holds(number: str, capsys: pytest.CaptureFixture[str]) -> None:
+    from dynident_service import new_key
+
+    with pytest.raises(SystemExit):
+        new_key.main(["cell 7", f"--quota-jobs={number}"])
+    assert f"'{number}' is no whole number from 0" in capsys.readouterr().err

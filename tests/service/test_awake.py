@@ -25,6 +25,7 @@ from dynident_service import following as following_module
 from dynident_service.awaited import Awaited
 from dynident_service.following import LATEST, Following
 from dynident_service.jobs.child import STANDS_BACK
+from dynident_service.jobs.confinement import Limits
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.ledger import Ledger
@@ -52,9 +53,8 @@ def awaited() -> Iterator[Awaited]:
 def ask(awaited: Awaited, name: str, client: Client | None = None, longest: float = 60.0, **arguments: Any) -> Any:
     async def call() -> Any:
         request = cast(Request, client or Client())
-        return await awaited.call(request, f"small_jobs:{name}", object, arguments, longest)
+        return await awaited.call(request, f"small_jobs:{name}", object, arguments, Limits(longest))
 
-    awaited._turns = None  # each test has an event loop of its own
     return anyio.run(call)
 
 
@@ -109,11 +109,40 @@ def test_a_computation_that_takes_too_long_for_a_request_is_stopped(awaited: Awa
     assert caught.value.problem.status == 503
 
 
-def test_too_many_that_wait_are_told_to_come_back(awaited: Awaited, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_that_wait_are_told_to_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(awaited_module, "MOST_WAITING", 0)
+    awaited = Awaited(1, SCIENCE)
     with pytest.raises(ProblemError) as caught:
         ask(awaited, "twice", number=1)
     assert caught.value.problem.status == 429
+    awaited.close()
+
+
+def test_files_that_are_read_for_long_keep_no_short_computation_waiting(tmp_path: Path) -> None:
+    awaited = Awaited(2, SCIENCE)
+    clients = [Client(), Client()]
+    notes = [tmp_path / "first", tmp_path / "second"]
+
+    async def read_file(client: Client, note: Path) -> None:
+        request = cast(Request, client)
+        with pytest.raises(ProblemError, match="left"):
+            await awaited.call(request, "small_jobs:never_answers", object, {"note": str(note)}, is_long=True)
+
+    async def together() -> None:
+        async with anyio.create_task_group() as group:
+            for client, note in zip(clients, notes, strict=True):
+                group.start_soon(read_file, client, note)
+            with anyio.fail_after(30):
+                while not notes[0].exists():
+                    await anyio.sleep(0.01)
+                request = cast(Request, Client())
+                assert await awaited.call(request, "small_jobs:twice", int, {"number": 4}) == 8
+            assert not notes[1].exists()
+            for client in clients:
+                client.has_left = True
+
+    anyio.run(together)
+    awaited.close()
 
 
 def test_the_database_is_looked_at_once_for_all_who_follow(ledger: Ledger, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -131,6 +131,24 @@ def test_what_says_that_they_were_asked_for_together_can_go_before_or_after_them
     assert idle.get(f"/v1/identifications/{third['id']}").status_code == 200
 
 
+def test_a_batch_is_cancelled_whole_and_what_has_ended_stays(idle: TestClient, body_of_idle: dict[str, Any]) -> None:
+    batch, other = (idle.post(PATH, json={"items": [body_of_idle] * 3}).json() for _ in range(2))
+    ledger: Ledger = idle.app.state.services.ledger  # type: ignore[attr-defined]
+    ended, running = ledger.claim(2)
+    ledger.succeed(ended, lambda session: None)
+    for _ in range(2):
+        cancelled = idle.post(f"{PATH}/{batch['id']}/cancel")
+        assert cancelled.status_code == 200, cancelled.text
+        assert cancelled.json()["states"] == {"succeeded": 1, "running": 1, "cancelled": 1}
+    assert ledger.standing(running) == "cancel"
+    last = cancelled.json()["items"][2]["job_id"]
+    events = [event.data for event in ledger.history(last)[0]]
+    assert events == [{"state": "queued"}, {"state": "cancelled"}]
+    assert idle.get(f"/v1/jobs/{last}").json()["finished_at"] is not None
+    assert idle.get(f"{PATH}/{other['id']}").json()["states"] == {"queued": 3}
+    assert idle.post(f"{PATH}/bat_nothing/cancel").status_code == 404
+
+
 def test_a_recording_deleted_in_the_last_moment_keeps_all_out(
     idle: TestClient, body_of_idle: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from fastapi.testclient import TestClient
 from versions import older_than_locked
 
 import dynident_client
@@ -42,3 +45,35 @@ def test_what_the_client_says_of_answers_is_the_contract_s() -> None:
     folder = Path(dynident_client.__file__).with_name(Path(ANSWERS_FOLDER).name)
     written = {file.name: file.read_text(encoding="utf-8") for file in folder.glob("*.py")}
     assert written == answer_types(json.loads(contract())), "run `python -m dynident_service.openapi`"
+
+
+def unlimited(schema: Any, components: dict[str, Any], seen: set[str], place: str) -> Iterator[str]:
+    """The places of lists, and of objects with whatever names, that may be as long as one likes."""
+    if isinstance(schema, list):
+        for number, part in enumerate(schema):
+            yield from unlimited(part, components, seen, f"{place}/{number}")
+    elif isinstance(schema, dict):
+        if (name := schema.get("$ref", "").rpartition("/")[2]) and name not in seen:
+            seen.add(name)
+            yield from unlimited(components[name], components, seen, name)
+        is_open = schema.get("type") == "object" and bool(schema.get("additionalProperties", False))
+        if (schema.get("type") == "array" and "maxItems" not in schema) or (is_open and "maxProperties" not in schema):
+            yield place
+        for key, part in schema.items():
+            yield from unlimited(part, components, seen, f"{place}/{key}")
+
+
+def test_every_list_in_a_request_has_a_limit() -> None:
+    written = json.loads(contract())
+    seen: set[str] = set()
+    operations = [one for path in written["paths"].values() for one in path.values()]
+    bodies = [one["requestBody"] for one in operations if "requestBody" in one]
+    assert list(unlimited(bodies, written["components"]["schemas"], seen, "")) == []
+    assert {"DesignRequest", "MeasurementMetadata", "Body_put_meshes", "Samples"} <= seen
+
+
+def test_an_effect_named_fifteen_thousand_times_is_refused(client: TestClient, robot: dict[str, Any]) -> None:
+    body = {"robot_id": robot["id"], "kind": "random", "effects": [{"effect": "coulomb"}] * 15_000}
+    refused = client.post("/v1/designs", json=body)
+    assert refused.status_code == 422
+    assert [one["pointer"] for one in refused.json()["errors"]] == ["/effects"]

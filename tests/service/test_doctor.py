@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
 
+import numpy as np
 import pytest
+from nurseries import WithoutScience
 from test_nothing_is_lost import CONTENT, Store, open_store
 from typer.testing import CliRunner
 
 from dynident_service.cli.app import app
+from dynident_service.jobs import stored_files
+from dynident_service.jobs.nursery import Nursery
 from dynident_service.storage.doctor import Finding, examine, repair
 from dynident_service.storage.migrate import migrate
+from dynident_service.storage.records import Kind, NewResource, Owned
 from dynident_service.storage.tombstones import sweep
+
+OLDER = Path(__file__).parent.parent / "older_versions"
 
 
 @pytest.fixture
@@ -99,3 +107,47 @@ def test_a_folder_that_is_not_there_is_told_and_not_made(tmp_path: Path) -> None
     run = CliRunner().invoke(app, ["doctor", "--data-dir", str(folder)])
     assert run.exit_code == 2
     assert not folder.exists()
+
+
+def test_every_resource_that_cannot_be_read_is_told_with_the_reason_and_what_to_do(store: Store) -> None:
+    def made(kind: Kind, role: str, content: bytes) -> str:
+        stored = store.resources.put(content)
+        owned = (Owned(role, stored.key, stored.size, "application/octet-stream"),)
+        return store.resources.create(NewResource(kind, {}, result={}, objects=owned)).id
+
+    newer = io.BytesIO()
+    np.savez(newer, header=np.frombuffer(b'{"format": "dynident identification 99", "rungs": 1}', np.uint8))
+    content = (OLDER / "model_of_format_1.npz").read_bytes()
+    readable = made("identification", "model", content)
+    unreadable = {
+        made("identification", "model", newer.getvalue()): "of format 99, and this version reads 1 to 3",
+        made("measurement", "recording", b"no Parquet"): "is no Parquet file",
+        made("comparison", "signals", b"no signals"): "ArrowInvalid",
+        made("series", "days", b"no days"): "no file of days",
+        made("diagnosis", "evidence", b"[{}]"): "ValidationError",
+        made("design", "trajectory", b"no design"): "its trajectory",
+        store.resources.create(NewResource("robot", {"name": "old"})).id: "its description",
+    }
+    code, text = told(store)
+    assert code == 1
+    lines = {line.split(": ")[1]: line for line in text.splitlines() if line.startswith("unreadable: ")}
+    assert lines.keys() == unreadable.keys()
+    assert readable not in text
+    for identifier, reason in unreadable.items():
+        assert reason in lines[identifier]
+    assert "\n7 unreadable: ask for it again, its request is kept" in text
+    assert told(store, "--quick") == (0, "all is well\n")
+
+
+def test_a_file_that_kills_or_blocks_its_reader_is_told_and_the_next_is_read(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stored_files, "FUNCTION", "small_jobs:read_as_it_says")
+    monkeypatch.setattr(stored_files, "LONGEST", 2.0)
+    monkeypatch.setattr(Nursery, "PROGRAM", WithoutScience.PROGRAM)
+    for what in ("dies", "hangs", "is read"):
+        store.resources.create(NewResource("robot", {"it": what}))
+    reader = stored_files.StoredFilesReader(store.objects)
+    with reader:
+        details = {one.detail for one in examine(store.database, store.objects, problem_of=reader.problem_of)}
+    assert details == {"the process that read it died", "it was not read within 2 s"}

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
@@ -19,6 +20,7 @@ from sqlalchemy import update
 from sqlalchemy.exc import OperationalError
 from test_uploads import as_csv, files_in, sound, upload
 
+from dynident_service.routes.forms import _SentFile
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.objects import ObjectStore
@@ -132,7 +134,7 @@ FULL = OSError(errno.ENOSPC, "No space left on device")
     [
         (Resources, "create", OperationalError("INSERT", {}, Exception("database or disk is full"))),
         (ObjectStore, "put_hashed", OSError("Generic LocalFileSystem error: No space left on device (os error 28)")),
-        ("dynident_service.routes.uploads.shutil", "copyfileobj", FULL),
+        (_SentFile, "write", FULL),
     ],
     ids=["database", "objects", "upload"],
 )
@@ -168,6 +170,31 @@ def test_an_upload_leaves_room_for_the_database(
     answer = upload(own, own_robot, as_csv(sound(300)))
     assert answer.status_code == 507
     assert "DYNIDENT_RESERVED_BYTES" in answer.json()["detail"]
+
+
+def test_room_on_the_disk_is_asked_for_before_anything_is_received(
+    own: TestClient, own_services: Services, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usage = shutil.disk_usage(own_services.settings.data_dir)
+    left = own_services.settings.reserved_bytes + 1_000_000
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=left))
+    for path, method in (("/v1/measurements", "POST"), ("/v1/imports", "POST"), ("/v1/robots/rob_a/meshes", "PUT")):
+
+        def content() -> Iterator[bytes]:
+            raise AssertionError("it was received")
+            yield b""
+
+        headers = {"content-type": "multipart/form-data; boundary=b", "content-length": "2000000"}
+        assert own.request(method, path, content=content(), headers=headers).status_code == 507
+
+
+def test_a_file_is_received_in_the_data_directory_and_not_in_the_folder_of_the_system(
+    own: TestClient, own_robot: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "not there"))
+    content = as_csv(sound(20_000))
+    assert len(content) > 1_500_000  # more than is ever held in memory
+    assert upload(own, own_robot, content).status_code == 201
 
 
 def test_a_database_that_is_away_is_told_as_that(own: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:

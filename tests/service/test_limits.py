@@ -6,6 +6,7 @@ import json
 import socket
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
@@ -18,7 +19,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import app_of, serving, wait_for
 
-from dynident_service.limits import MOST_A_THREAD, MOST_VALUES, Admission, take_long
+from dynident_service.limits import MOST_A_THREAD, MOST_VALUES, Admission, charge_key, take_long
 from dynident_service.settings import Settings
 
 FORM = "multipart/form-data; boundary=x"
@@ -34,7 +35,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         log_level="error",
         max_body_bytes=1_000_000,
         max_upload_bytes=3_000_000,
-        max_connections=5,
+        max_connections=7,  # of which one address may have five
         header_timeout_seconds=0.4,
         body_timeout_seconds=0.4,
     )
@@ -156,7 +157,7 @@ def test_one_connection_too_many_is_told_to_come_back(address: tuple[str, int]) 
 
 
 def test_more_requests_than_can_be_answered_are_told_to_come_back(tmp_path: Any) -> None:
-    settings = Settings(data_dir=tmp_path, max_requests=2, max_followers=1)
+    settings = Settings(data_dir=tmp_path, max_requests=3, max_followers=1)  # of three, one is another's
     go_on = threading.Event()
     inside: list[str] = []
 
@@ -228,9 +229,10 @@ def test_those_who_would_wait_long_for_a_short_answer_are_told_so_at_once(tmp_pa
                 group.start_soon(client.get, "/v1/reports")
                 group.start_soon(partial(client.post, "/v1/measurements", content=b"." * 200_000))
             await until(lambda: len(inside) == 10)
-            for _ in range(MOST_A_THREAD):
+            share = 3 * MOST_A_THREAD // 4
+            for _ in range(share):
                 group.start_soon(client.get, "/v1/robots")
-            await until(lambda: len(arrived) == 10 + MOST_A_THREAD)
+            await until(lambda: len(arrived) == 10 + share)
             refused = await client.get("/v1/robots")
             assert refused.status_code == 429
             assert "DYNIDENT_REQUEST_THREADS" in refused.json()["detail"]
@@ -320,5 +322,70 @@ def test_those_who_follow_a_job_are_behind_those_who_came_before_them(tmp_path: 
                     await anyio.sleep(0.01)
             group.cancel_scope.cancel()
         assert began == paths
+
+    anyio.run(together)
+
+
+def test_who_reads_nothing_keeps_no_place_among_the_short_and_leaves_places_to_another(tmp_path: Any) -> None:
+    settings = Settings(data_dir=tmp_path, max_requests=20, request_threads=1)
+    begun: Counter[str] = Counter()
+    refused: Counter[str] = Counter()
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        begun[scope["party"]] += 1
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await anyio.sleep_forever()
+
+    admission = Admission(app, settings, party_of=lambda scope: scope["party"])
+
+    async def ask(party: str) -> None:
+        async def receive() -> Any:
+            return {"type": "http.request", "body": b"", "more_body": False}
+
+        async def send(message: Any) -> None:
+            refused[party] += message.get("status") == 429
+
+        scope = {"type": "http", "path": "/v1/robots", "method": "GET", "headers": [], "party": party}
+        await admission(scope, receive, send)
+
+    async def together() -> None:
+        async with anyio.create_task_group() as group:
+            for party in ["greedy"] * 20 + ["other"]:
+                group.start_soon(ask, party)
+                await anyio.sleep(0.001)
+            with anyio.fail_after(10):
+                while not begun["other"]:
+                    await anyio.sleep(0.01)
+            group.cancel_scope.cancel()
+
+    anyio.run(together)
+    assert begun == {"greedy": 15, "other": 1}  # more than the eight that may wait to be answered
+    assert refused["greedy"] == 5
+    assert not refused["other"]
+
+
+def test_what_a_key_sends_takes_no_place_of_its_address_once_the_key_is_known(tmp_path: Any) -> None:
+    begun = 0
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        nonlocal begun
+        begun += 1
+        charge_key(scope, "cell")
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await anyio.sleep_forever()
+
+    admission = Admission(app, Settings(data_dir=tmp_path, max_requests=4))  # of which one party may have three
+
+    async def nothing(*_: Any) -> Any:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def together() -> None:
+        async with anyio.create_task_group() as group:
+            for _ in range(4):
+                scope = {"type": "http", "path": "/", "method": "GET", "headers": [], "client": ("192.0.2.1", 1)}
+                group.start_soon(admission, scope, nothing, nothing)
+                await anyio.sleep(0.01)
+            assert begun == 4
+            group.cancel_scope.cancel()
 
     anyio.run(together)

@@ -6,6 +6,7 @@ import json
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -152,7 +153,9 @@ def test_lines_of_json_are_one_object_each_with_the_ids_of_job_and_request(
 
 
 def test_lines_of_text_say_the_same_for_people(capsys: pytest.CaptureFixture[str]) -> None:
-    done, failed, *_, alone = three_lines("text", capsys)
+    times, lines = zip(*(line.partition(" ")[::2] for line in three_lines("text", capsys)), strict=True)
+    done, failed, *_, alone = lines
+    assert all(datetime.fromisoformat(times[n]).tzinfo for n in (0, 1, -1))
     assert done == "INFO dynident.job: done with it [job job_1, request req-1]"
     assert failed == "ERROR dynident.job: failed [job job_1, request req-1]"
     assert alone == "WARNING dynident.service: on its own"

@@ -10,6 +10,7 @@ from datetime import timedelta
 from pathlib import Path
 
 import pytest
+from service_helpers import TWO_JOINTS
 
 from dynident_service.problems import ProblemError
 from dynident_service.storage.database import Database
@@ -21,6 +22,7 @@ from dynident_service.storage.tombstones import ObjectGone, sweep
 
 CONTENT = b"t,q1,tau1\n" * 100
 AT_ONCE = timedelta(0)
+ROBOT = {"name": "arm", "description": {"format": "modified_dh", "content": TWO_JOINTS}}
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class Store:
     def put(self, content: bytes = CONTENT) -> NewResource:
         """Put bytes; gives the resource that is to own them."""
         stored = self.resources.put(content)
-        return NewResource("robot", {}, objects=(Owned("original", stored.key, stored.size, "text/csv"),))
+        return NewResource("robot", ROBOT, objects=(Owned("original", stored.key, stored.size, "text/csv"),))
 
     def make(self, content: bytes = CONTENT) -> Resource:
         """Make a resource that owns bytes, as often as it takes."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import threading
 import uuid
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import anyio
 import pytest
 from alembic import command
 from fastapi.testclient import TestClient
@@ -171,6 +173,53 @@ def test_an_upload_that_does_not_say_its_length_is_refused_as_it_comes_in(key: C
     assert files_in(services.settings.uploads_dir) == set()
 
 
+@pytest.mark.parametrize("announced", [True, False])
+def test_uploads_on_their_way_count_so_that_many_at_once_take_no_more_than_is_left(
+    key: Call, app: TestClient, services: Services, announced: bool
+) -> None:
+    client, size, most = key(bytes=1_000_000), 400_000, 4
+    assert app.portal is not None
+    statuses: list[int] = []
+
+    async def send_together() -> None:
+        come_on = anyio.Event()
+
+        async def send_one() -> None:
+            sent = 0
+
+            async def receive() -> dict[str, Any]:
+                nonlocal sent
+                head = b'--b\r\ncontent-disposition: form-data; name="file"; filename="f"\r\n\r\n' if not sent else b""
+                if sent >= size // 2:
+                    await come_on.wait()
+                sent += 50_000
+                return {"type": "http.request", "body": head + b"x" * 50_000, "more_body": sent < size}
+
+            async def send(message: Any) -> None:
+                if message["type"] == "http.response.start":
+                    statuses.append(message["status"])
+
+            length = {"content-length": str(size + 100)} if announced else {"transfer-encoding": "chunked"}
+            told = {"host": "127.0.0.1", "content-type": FORM, "x-api-key": client.headers["x-api-key"], **length}
+            headers = [(name.encode(), value.encode()) for name, value in told.items()]
+            scope = {"type": "http", "method": "POST", "path": "/v1/measurements", "query_string": b"", "root_path": ""}
+            await client.app({**scope, "headers": headers, "scheme": "http"}, receive, send)
+
+        async with anyio.create_task_group() as group:
+            for _ in range(most):
+                group.start_soon(send_one)
+            with anyio.fail_after(10):
+                while announced and len(statuses) < most - 2:
+                    await anyio.sleep(0.01)
+            if announced:  # before any came to its end
+                assert statuses == [507] * (most - 2)
+            come_on.set()
+
+    app.portal.call(send_together)
+    assert sorted(statuses) == [422, 422, 507, 507]  # those that were taken are no forms that end
+    assert files_in(services.settings.uploads_dir) == set()
+
+
 def test_of_a_recording_that_turns_out_too_large_nothing_is_stored(key: Call, services: Services) -> None:
     mine = key(bytes=len(RECORDING) + 100)  # what is made of it to be read faster has no room any more
     robot, folder = arm(mine), services.settings.data_dir
@@ -243,6 +292,21 @@ def test_a_key_sees_what_it_uses_and_one_that_allows_everything_sees_all(key: Ca
     assert (seen[own["key"]], seen[None]["jobs"]["allowed"]) == (own, None)
 
 
+def test_a_request_counts_for_its_key_once_that_was_used_and_for_its_address_before(key: Call, app: TestClient) -> None:
+    client = key()
+
+    def party(sent: str) -> str:
+        headers = [(b"x-api-key", sent.encode())]
+        return str(app.app.state.keys.party_of({"headers": headers, "client": ("192.0.2.1", 1)}))  # type: ignore[attr-defined]
+
+    sent = client.headers["x-api-key"]
+    assert party(sent) == "address 192.0.2.1"
+    assert client.get("/v1/usage").status_code == 200
+    assert party(sent) == f"key {client.headers['user-agent']}"
+    assert app.get("/v1/usage", headers={"x-api-key": "guessed"}).status_code == 401
+    assert party("guessed") == "address 192.0.2.1"
+
+
 def test_the_command_to_make_a_key_gives_it_limits_and_lists_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -260,20 +324,11 @@ def test_the_command_to_make_a_key_gives_it_limits_and_lists_them(
     database.close()
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
-def empty(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Store]:
+@pytest.fixture
+def empty(new_database: Database, tmp_path: Path) -> Store:
     """A store whose database has no tables yet."""
-    url = f"sqlite:///{tmp_path / 'quotas.sqlite3'}"
-    if request.param == "postgresql":
-        server, name = str(request.getfixturevalue("postgresql")), f"quotas_{uuid.uuid4().hex}"
-        first = Database(server)
-        with first.engine.execution_options(isolation_level="AUTOCOMMIT").connect() as connection:
-            connection.execute(text(f"CREATE DATABASE {name}"))
-        first.close()
-        url = server.rpartition("/")[0] + f"/{name}"
-    database, objects = Database(url), ObjectStore((tmp_path / "objects").as_uri(), tmp_path / "cache")
-    yield Store(database, objects, Resources(database, objects))
-    database.close()
+    objects = ObjectStore((tmp_path / "objects").as_uri(), tmp_path / "cache")
+    return Store(new_database, objects, Resources(new_database, objects))
 
 
 @contextmanager
@@ -375,12 +430,14 @@ def test_a_backup_keeps_whose_everything_is_and_a_bundle_for_another_service_doe
     with acting_for("cell"):
         robot = empty.make(b"mesh")
     back_up(empty.database, empty.objects, tmp_path / "backup")
-    export_robot(empty.database, empty.objects, robot.id, tmp_path / "bundle")
-    assert "cell" not in (tmp_path / "bundle" / "tables" / "resources.jsonl").read_text()
+    export_robot(empty.database, empty.objects, robot.id, tmp_path / "bundle.zip")
+    with zipfile.ZipFile(tmp_path / "bundle.zip") as bundle:
+        bundle.extractall(tmp_path / "bundle")
+    (resources,) = (tmp_path / "bundle").glob("tables*/resources.jsonl")
+    assert "cell" not in resources.read_text()
     # One that says whose it is all the same gives nobody anything to pay for.
-    (tmp_path / "bundle" / "tables" / "resources.jsonl").write_text(
-        (tmp_path / "backup" / "tables" / "resources.jsonl").read_text()
-    )
+    (of_all,) = (tmp_path / "backup").glob("tables-*/resources.jsonl")
+    resources.write_text(of_all.read_text())
     for name, owner in (("backup", "cell"), ("bundle", None)):
         database = Database(f"sqlite:///{tmp_path / name}.sqlite3")
         migrate(database)

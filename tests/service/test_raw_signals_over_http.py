@@ -9,6 +9,9 @@ import pytest
 from fastapi.testclient import TestClient
 from test_uploads import as_csv, sound, upload
 
+from dynident_service.routes import measurements
+from dynident_service.services import Services
+
 
 @pytest.fixture(scope="module")
 def columns() -> dict[str, np.ndarray]:
@@ -102,3 +105,20 @@ def test_when_each_joint_stands_is_told_in_seconds_of_the_file(client: TestClien
     share = sum(end - start for start, end in found["joints"][1]["standing"]) / 20.0
     assert share == pytest.approx(stored.json()["phases"]["standing"][1], abs=0.01)
     assert client.get("/v1/measurements/m_nothing/standstills").status_code == 404
+
+
+def test_nothing_of_an_answer_stays_on_the_disk(client: TestClient, services: Services, measurement: str) -> None:
+    raw(client, measurement)
+    assert client.get(f"/v1/measurements/{measurement}/raw", params={"signals": "no"}).status_code == 422
+    uploads = services.settings.uploads_dir
+    assert [path.name for path in uploads.iterdir() if not path.name.startswith("process-")] == []
+
+
+def test_an_answer_is_never_larger_than_the_disk_can_take(
+    client: TestClient, measurement: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(measurements, "SMALLEST_ANSWER", 100_000)
+    monkeypatch.setattr(measurements, "DIGITS", 0)
+    answer = client.get(f"/v1/measurements/{measurement}/raw")
+    assert answer.status_code == 413
+    assert "ask for less at a time" in answer.json()["detail"]

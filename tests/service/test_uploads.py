@@ -241,6 +241,6 @@ def test_uploads_that_were_cut_off_are_swept_away_after_a_day(tmp_path: Path) ->
         (tmp_path / name / "source").write_bytes(b"half a fi")
     a_day_ago = time.time() - 25 * 3600
     os.utime(tmp_path / "old", (a_day_ago, a_day_ago))
-    sweep_uploads(tmp_path)
-    sweep_uploads(tmp_path / "not there")
+    sweep_uploads(tmp_path, time.time() - 24 * 3600)
+    sweep_uploads(tmp_path / "not there", time.time())
     assert [path.name for path in tmp_path.iterdir()] == ["new"]

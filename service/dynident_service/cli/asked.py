@@ -125,9 +125,9 @@ def _of_request(science: type, but: Sequence[str] = ()) -> Iterator[inspect.Para
             yield from _of_request(hint)  # type: ignore[arg-type]
         else:
             typed, metavar, default = _as_typed(hint, about, default_of(one))
-            option = typer.Option(
-                _option(one), metavar=metavar, help=_help(about), show_default=default not in (None, "")
-            )
+            # A flag can be switched off as well as on: a preset of the command may have switched it on.
+            declared = f"{_option(one)}/--no-{_option(one)[2:]}" if hint is bool else _option(one)
+            option = typer.Option(declared, metavar=metavar, help=_help(about), show_default=default not in (None, ""))
             if typed is list[str]:
                 option.default_factory = list
                 option.show_default = False

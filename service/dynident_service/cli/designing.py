@@ -13,6 +13,7 @@ from rich.console import Console
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest
 from dynident.motion import Surroundings
+from dynident.motion.surroundings.reach import NOTHING_STATED
 from dynident.reports.numbers import number, percent
 from dynident.robot import Limits
 from dynident.robot.collision import UNCHECKED
@@ -25,6 +26,8 @@ from dynident_service.models.robots import Limits as WireLimits
 from dynident_service.problems import fields_of
 
 Wanted = TypeVar("Wanted")
+WARNINGS = (UNCHECKED, NOTHING_STATED)
+"""How notes begin without which nobody should run a motion."""
 _LIMITS = TypeAdapter(dict[str, WireLimits])
 _SURROUNDINGS = TypeAdapter(body_of(Surroundings))
 
@@ -56,10 +59,10 @@ def surroundings_of(path: Path | None, mesh_folders: Sequence[Path]) -> Surround
 
 
 def warn_of_unchecked(console: Console, found: Design) -> None:
-    """Say in plain sight which links no collision was checked for."""
+    """Say in plain sight, after all else, what was not checked."""
     for note in found.notes:
-        if note.startswith(UNCHECKED):
-            console.print(f"warning: {note}", style="bold yellow")
+        if note.startswith(WARNINGS):
+            console.print(f"warning: {note}", style="bold red")
 
 
 def _validated(fields: TypeAdapter[Wanted], path: Path, title: str) -> Wanted:
@@ -108,6 +111,6 @@ def show_design(console: Console, found: Design) -> None:
             )
         )
     for note in found.notes:
-        if not note.startswith(UNCHECKED):
+        if not note.startswith(WARNINGS):
             console.print(f"  {note}", style="dim")
     console.print(f"{found.n_samples} samples at {found.sampling_rate:g} Hz, {found.duration:.1f} s from rest to rest")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import logging
 from collections.abc import Mapping
@@ -10,6 +11,7 @@ from typing import Any
 
 from dynident.errors import DynidentError
 from dynident_service import traces
+from dynident_service.jobs.confinement import UNLIMITED, Limits, is_out_of_memory
 from dynident_service.logs import current_request, working_on
 from dynident_service.problems import Problem, ProblemError, make_problem, problem_of
 from dynident_service.storage.space import is_full
@@ -27,6 +29,7 @@ class Call:
     trace: str | None = field(default_factory=traces.current)
     of_a_job: bool = False
     """It stands back as far as a job does: no request waits for it."""
+    limits: Limits = UNLIMITED
 
 
 @dataclass(frozen=True)
@@ -44,16 +47,28 @@ def answer(call: Call, peak_memory: int) -> Answer:
         return _answer(call, peak_memory)
 
 
+def answer_readiness() -> bool:
+    """Answer, and nothing else: what the service asks a child process to see whether it would answer a request."""
+    return True
+
+
 def _answer(call: Call, peak_memory: int) -> Answer:
     module, _, name = call.function.partition(":")
     try:
         value = getattr(importlib.import_module(module), name)(**call.arguments)
     except (DynidentError, ProblemError) as error:
         return Answer(peak_memory, problem=problem_of(error))
-    except MemoryError:
-        detail = "The request needs more memory than there is; send less at a time."
-        return Answer(peak_memory, problem=make_problem(422, detail, title="Out of memory"))
     except Exception as error:
+        if is_out_of_memory(error):
+            detail = "What was sent needs more memory than a request may take; send less at a time."
+            return Answer(peak_memory, problem=make_problem(422, detail, title="Out of memory"))
+        if isinstance(error, PermissionError):
+            log.exception("the call of %s went where it may not", call.function)
+            detail = "What was sent points to something outside of it, which is not read; send it whole, in one file."
+            return Answer(peak_memory, problem=make_problem(422, detail, title="Points elsewhere"))
+        if isinstance(error, OSError) and error.errno == errno.EFBIG:
+            detail = "What would be written of this is larger than a request may write; ask for less at a time."
+            return Answer(peak_memory, problem=make_problem(413, detail, title="Answer too large"))
         if is_full(error):
             return Answer(peak_memory, problem=make_problem(507, "The disk of the service is full.", title="Disk full"))
         log.exception("the call of %s failed unexpectedly", call.function)

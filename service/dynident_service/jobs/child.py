@@ -26,6 +26,7 @@ from dynident.errors import Cancelled, DynidentError
 from dynident_service import traces
 from dynident_service.jobs.calls import Answer, Call, answer
 from dynident_service.jobs.checkpoints import KeptCheckpoints
+from dynident_service.jobs.confinement import Confinement, is_out_of_memory
 from dynident_service.jobs.sharing import sharing
 from dynident_service.jobs.work import PATIENCE, JobFunction, Memory, Outcome, Place, Task
 from dynident_service.logs import working_on
@@ -44,7 +45,7 @@ from dynident_service.storage.turns import Claim
 
 PROGRESS_INTERVAL = 0.1
 SMALLEST_STEP = 0.005
-HEARTBEAT = 2.0
+HEARTBEAT = 1.0
 SWITCH = 0.05
 """Seconds from one try to the next to take the interpreter from a solver that holds it: each costs a little."""
 STANDS_BACK = 5
@@ -118,10 +119,9 @@ class Workshop:
             return lambda ledger: ledger.stopped(claim)
         except (DynidentError, ProblemError) as error:
             return _failing(claim, problem_of(error))
-        except MemoryError:
-            detail = "The computation needs more memory than there is; use less data or stronger decimation."
-            return _failing(claim, make_problem(500, detail, title="Out of memory"))
         except Exception as error:
+            if is_out_of_memory(error):
+                return _failing(claim, out_of_memory(self.place.memory))
             if is_full(error):
                 return _failing(claim, _no_room())
             log.exception("job %s attempt %d failed unexpectedly", claim.job_id, claim.attempt)
@@ -168,6 +168,15 @@ class Reporter:
         except INFRASTRUCTURE as error:  # the work goes on; the next report may get through
             log.warning("job %s: progress could not be written: %s", self._claim.job_id, reason_of(error))
         self._last_time, self._last_fraction, self._last_message = time.monotonic(), fraction, message
+
+
+def out_of_memory(memory: int) -> Problem:
+    """Say that a job took more memory than it may; it would again."""
+    detail = (
+        f"The computation needs more than the {memory // 1_000_000} MB that a job may take (DYNIDENT_JOB_MEMORY); "
+        "use less data, a stronger decimation or fewer effects. It is not tried again."
+    )
+    return make_problem(500, detail, title="Out of memory")
 
 
 def _no_room() -> Problem:
@@ -223,10 +232,19 @@ class Line:
 
 
 def work(jobs: int, lifeline: int) -> None:
-    """Do the jobs that come on a pipe, until its other end is closed; `lifeline` tells when the supervisor is gone."""
-    _die_with_parent(lifeline)
-    _give_way()
+    """Do the jobs that come on a pipe, until its other end is closed; `lifeline` tells when the supervisor is gone.
+
+    What comes first is how this process is confined.
+    """
     connection = Connection(jobs)
+    _give_way()
+    try:
+        confinement: Confinement = connection.recv()
+    except (EOFError, OSError):
+        return
+    # Before there is any other thread, which would not be confined.
+    confinement.apply((jobs, lifeline))
+    _die_with_parent(lifeline)
     sys.setswitchinterval(SWITCH)
     line = Line(connection)
     line.send(Hello(os.getpid()))
@@ -243,7 +261,10 @@ def work(jobs: int, lifeline: int) -> None:
             _give_way()
             behind = True
         if isinstance(order, Call):
-            line.send(answer(order, _peak_memory()))
+            order.limits.apply()
+            with line.beating():
+                answered = answer(order, _peak_memory())
+            line.send(answered)
             continue
         assert isinstance(order, Order)
         if workshop is None or workshop.place != order.place:

@@ -9,6 +9,7 @@ import logging
 import threading
 from collections.abc import Callable
 
+from dynident_service.jobs.confinement import Confinement
 from dynident_service.jobs.nursery import Nursery
 from dynident_service.jobs.pool import ChildPool
 from dynident_service.jobs.supervisor import supervise
@@ -25,14 +26,15 @@ class Crew:
 
     address = "this machine"
 
-    def __init__(self, size: int, nursery: Nursery, place: Place, ledger: Ledger) -> None:
+    def __init__(self, size: int, nursery: Nursery, place: Place, ledger: Ledger, confinement: Confinement) -> None:
         self._size = size
         self._nursery = nursery
         self._place = place
         self._ledger = ledger
+        self._confinement = confinement
 
     def __enter__(self) -> Crew:
-        self._pool = ChildPool(self._size, self._nursery)
+        self._pool = ChildPool(self._size, self._nursery, self._confinement)
         return self
 
     def slots(self) -> int:

@@ -9,6 +9,7 @@ from typing import Any, cast
 from distributed import Worker, WorkerPlugin, get_worker, secede
 
 from dynident.version import __version__
+from dynident_service.jobs.confinement import Confinement
 from dynident_service.jobs.nursery import Nursery
 from dynident_service.jobs.part_supervisor import look_after
 from dynident_service.jobs.parts import Part
@@ -39,7 +40,7 @@ class Children(WorkerPlugin):
         if self.version != __version__:
             raise RuntimeError(f"this worker has dynident {__version__}, the service {self.version}; install the same")
         self.nursery = Nursery()
-        self.pool = ChildPool(worker.state.nthreads, self.nursery)
+        self.pool = ChildPool(worker.state.nthreads, self.nursery, Confinement(self.place.memory))
         self.ledger = Ledger(Database(self.place.database_url), self.place.max_attempts)
 
     def teardown(self, worker: Worker) -> None:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
+from dynident_service.jobs.confinement import Confinement
 from dynident_service.jobs.crew import Crew
 from dynident_service.jobs.nursery import Nursery
 from dynident_service.jobs.work import Place
@@ -53,6 +54,7 @@ class Engine:
             settings.cache_dir,
             settings.max_attempts,
             settings.job_deadline_seconds,
+            settings.job_memory,
         )
         self._wake = threading.Event()
         self._stop = threading.Event()
@@ -128,7 +130,8 @@ class Engine:
     def _workers(self) -> Crew | Cluster:
         address = self._settings.dask_scheduler
         if not address:
-            return Crew(self._settings.workers, self._nursery, self._place, self._ledger)
+            confinement = Confinement(self._settings.job_memory, self._settings.uploads_dir)
+            return Crew(self._settings.workers, self._nursery, self._place, self._ledger, confinement)
         from dynident_service.jobs.cluster import Cluster
 
         return Cluster(address, self._place)

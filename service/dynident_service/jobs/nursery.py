@@ -18,18 +18,28 @@ import sys
 import threading
 import warnings
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
+from dynident_service.environment import environment_for_children, secrets_for_children, take_secrets
 from dynident_service.jobs import child
 from dynident_service.logs import configure
 from dynident_service.settings import LogSettings
 
 PRELOADED = ("dynident_service.work", "dynident_service.work.awaited")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-MESSAGE = struct.Struct("!ii")
+BOUNDED_ARROW = {"ARROW_DEFAULT_MEMORY_POOL": "system"}
+"""Arrow's own allocator reserves 1 GB of addresses at once, which the limits of children would count."""
+MESSAGE = struct.Struct("!iiq")
 FORK, REAP, LOOK = 1, 2, 3
 RUNNING = 1 << 20
 """Stands for an exit code while there is none."""
+
+
+class Exit(NamedTuple):
+    """How a process ended: its exit code, negative for a signal, and the most memory in bytes that it had."""
+
+    code: int
+    peak_memory: int
 
 
 class Nursery:
@@ -52,20 +62,20 @@ class Nursery:
                 self._stop()
                 self._send_fork(jobs, lifeline)
 
-    def exit_code(self, pid: int, *, reap: bool) -> int | None:
-        """Tell how a child ended, negative for a signal; `None` if it runs, or its nursery has died.
+    def exit_of(self, pid: int, *, reap: bool) -> Exit | None:
+        """Tell how a child ended; `None` if it runs, or its nursery has died.
 
-        With `reap` it is waited for, and its number may be given to another process.
+        With `reap` it is waited for, and its number may be given to another process; its memory is known then alone.
         """
         with self._lock:
             if self._control is None:
                 return None
             try:
-                self._control.sendall(MESSAGE.pack(REAP if reap else LOOK, pid))
-                code = int(MESSAGE.unpack(_exactly(self._control))[1])
+                self._control.sendall(MESSAGE.pack(REAP if reap else LOOK, pid, 0))
+                _, code, peak_memory = MESSAGE.unpack(_exactly(self._control))
             except OSError:
                 return None
-        return None if code == RUNNING else code
+        return None if code == RUNNING else Exit(code, peak_memory)
 
     def close(self) -> None:
         """End the process."""
@@ -74,16 +84,16 @@ class Nursery:
 
     def _send_fork(self, jobs: int, lifeline: int) -> None:
         control = self._control or self._start()
-        socket.send_fds(control, [MESSAGE.pack(FORK, 0)], [jobs, lifeline])
+        socket.send_fds(control, [MESSAGE.pack(FORK, 0, 0)], [jobs, lifeline])
 
     def _start(self) -> socket.socket:
         ours, theirs = socket.socketpair()
-        with theirs:
+        with theirs, secrets_for_children() as secrets:
             self._process = subprocess.Popen(
                 [sys.executable, *self.PROGRAM, str(theirs.fileno())],
                 pass_fds=(theirs.fileno(),),
-                stdin=subprocess.DEVNULL,
-                env={**os.environ, **ONE_THREAD},
+                stdin=secrets,
+                env={**environment_for_children(), **ONE_THREAD, **BOUNDED_ARROW},
                 start_new_session=True,
             )
         self._control = ours
@@ -101,6 +111,7 @@ class Nursery:
 
 def main() -> None:
     """Load the science, then serve until the other end is closed."""
+    take_secrets()
     control = socket.socket(fileno=int(sys.argv[1]))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.dup2(2, 1)  # what solvers print belongs to the log
@@ -115,9 +126,9 @@ def main() -> None:
             received, fds = _receive(control)
         except OSError:
             return
-        kind, pid = MESSAGE.unpack(received)
+        kind, pid, _ = MESSAGE.unpack(received)
         if kind != FORK:
-            control.sendall(MESSAGE.pack(kind, _exit_code(pid, reap=kind == REAP)))
+            control.sendall(MESSAGE.pack(kind, *_exit_of(pid, reap=kind == REAP)))
         elif os.fork() == 0:
             control.close()
             os.setsid()
@@ -144,15 +155,16 @@ def _exactly(control: socket.socket, size: int = MESSAGE.size) -> bytes:
     return content
 
 
-def _exit_code(pid: int, *, reap: bool) -> int:
-    """The exit code of a child, negative for a signal; without `reap` only if it has ended, and its number is kept."""
+def _exit_of(pid: int, *, reap: bool) -> Exit:
+    """How a child ended, or RUNNING; without `reap` its number is kept."""
     with contextlib.suppress(ChildProcessError):
         if reap:
-            return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+            _, status, usage = os.wait4(pid, 0)
+            return Exit(os.waitstatus_to_exitcode(status), usage.ru_maxrss * 1024)
         ended = os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
         if ended is not None:
-            return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
-    return RUNNING
+            return Exit(ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status, 0)
+    return Exit(RUNNING, 0)
 
 
 if __name__ == "__main__":

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import signal
 import socket
+import tempfile
 import threading
 import time
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 from dynident_service.jobs.calls import Answer, Call
 from dynident_service.jobs.child import Hello, Order, Receipt
-from dynident_service.jobs.nursery import Nursery
+from dynident_service.jobs.confinement import Confinement
+from dynident_service.jobs.nursery import Exit, Nursery
 
 MEMORY_LIMIT = 2_000_000_000
 """A child that once needed more is replaced after its job: freed memory seldom goes back to the system."""
@@ -23,10 +28,11 @@ MEMORY_LIMIT = 2_000_000_000
 class Child:
     """One child process and the pipe to it."""
 
-    def __init__(self, nursery: Nursery) -> None:
+    def __init__(self, nursery: Nursery, confinement: Confinement) -> None:
         self._nursery = nursery
         self.pid: int | None = None
         self.heartbeats = 0
+        self._scratch = _make_scratch(confinement.scratch)
         ours, theirs = socket.socketpair()
         lifeline, self._lifeline = os.pipe()
         try:
@@ -35,11 +41,16 @@ class Child:
             theirs.close()
             os.close(lifeline)
         self._connection = Connection(ours.detach())
+        with contextlib.suppress(EOFError):  # whoever gives it something to do finds that it has died
+            self._send(replace(confinement, scratch=self._scratch))
 
     def send(self, order: Order | Call) -> None:
         """Give it something to do; it begins when it has started up. EOFError if the process died."""
+        self._send(order)
+
+    def _send(self, message: Confinement | Order | Call) -> None:
         try:
-            self._connection.send(order)
+            self._connection.send(message)
         except OSError as error:  # a broken pipe, or one that was reset
             raise EOFError from error
 
@@ -73,27 +84,39 @@ class Child:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGKILL)
 
-    def kill(self) -> int | None:
-        """Kill its process group; gives the exit code that it had by itself, if it had ended before."""
+    def kill(self) -> Exit | None:
+        """Kill its process group; tells how it ended if it had ended by itself before."""
         with contextlib.suppress(EOFError):
             self.receive(0.0)  # it may have said its number meanwhile
-        ended_with = None
+        ended = None
         if self.pid is not None:
-            ended_with = self._nursery.exit_code(self.pid, reap=False)
+            had_ended = self._nursery.exit_of(self.pid, reap=False) is not None
             self.strike()
-            code = self._nursery.exit_code(self.pid, reap=True)
-            if ended_with is None and code != -signal.SIGKILL:
-                ended_with = code  # it was on its way out already, which its pipe told first
+            end = self._nursery.exit_of(self.pid, reap=True)
+            # One that was on its way out already, which its pipe told first, has an exit code of its own.
+            if end is not None and (had_ended or end.code != -signal.SIGKILL):
+                ended = end
         self._connection.close()
         os.close(self._lifeline)  # the kernel kills one that has not begun yet
-        return ended_with
+        if self._scratch is not None:
+            shutil.rmtree(self._scratch, ignore_errors=True)
+        return ended
+
+
+def _make_scratch(folder: Path | None) -> Path | None:
+    """Make a folder for the temporary files of one child."""
+    if folder is None:
+        return None
+    folder.mkdir(parents=True, exist_ok=True)
+    return Path(tempfile.mkdtemp(prefix="process-", dir=folder))
 
 
 class ChildPool:
     """Idle children of a nursery, which outlives them; the last to work is taken first, as it remembers most."""
 
-    def __init__(self, size: int, nursery: Nursery) -> None:
+    def __init__(self, size: int, nursery: Nursery, confinement: Confinement | None = None) -> None:
         self._size = size
+        self.confinement = confinement or Confinement()
         self._idle: deque[Child] = deque()
         self._busy: set[Child] = set()
         self._lock = threading.Condition()
@@ -101,7 +124,7 @@ class ChildPool:
         self.closed = False
         self._nursery = nursery
         for _ in range(size):
-            self._idle.append(Child(self._nursery))
+            self._idle.append(Child(self._nursery, self.confinement))
 
     def take(self) -> Child:
         """Give an idle child, or start one."""
@@ -112,7 +135,7 @@ class ChildPool:
                 if not child.is_alive():
                     child.kill()
                     child = None
-            child = child or Child(self._nursery)
+            child = child or Child(self._nursery, self.confinement)
             self._busy.add(child)
             return child
 
@@ -128,15 +151,15 @@ class ChildPool:
                 return
         child.kill()
 
-    def replace(self, child: Child) -> int | None:
-        """Kill a child, and start another in its stead; gives the exit code if it had died by itself."""
+    def replace(self, child: Child) -> Exit | None:
+        """Kill a child, and start another in its stead; tells how it ended if it had died by itself."""
         with self._lock:
             self._busy.discard(child)
-        ended_with = child.kill()
+        ended = child.kill()
         with self._lock:
             if not self.closed and len(self._idle) + len(self._busy) < self._size:
-                self._idle.appendleft(Child(self._nursery))
-        return ended_with
+                self._idle.appendleft(Child(self._nursery, self.confinement))
+        return ended
 
     @contextlib.contextmanager
     def in_use(self) -> Iterator[None]:

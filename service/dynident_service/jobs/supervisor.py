@@ -6,7 +6,8 @@ import logging
 import signal
 import time
 
-from dynident_service.jobs.child import End, Order, Receipt
+from dynident_service.jobs.child import End, Order, Receipt, out_of_memory
+from dynident_service.jobs.nursery import Exit
 from dynident_service.jobs.pool import Child, ChildPool
 from dynident_service.jobs.vitals import Vitals
 from dynident_service.jobs.work import Place
@@ -26,6 +27,9 @@ START_UP = 300.0
 """Seconds that a child may take to begin: the science is loaded, perhaps beside much other work."""
 PATIENCE = 15 * 60.0
 """How long, in seconds, a database that is away is waited for before a job is left to its lease."""
+MUCH_MEMORY = 0.5
+"""Share of the memory that a job may take. A process that was killed while it had more died most probably of that: the
+system, or a library that could not get more, ended it, and would do so again."""
 LAST_PATIENCE = 3.0
 """The same while the service ends."""
 AWAY_PAUSE = 1.0
@@ -46,11 +50,13 @@ def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> No
         child.send(Order(claim, place))
         ended = _watch(claim, child, ledger, place.deadline)
     except EOFError:
-        ended_with = pool.replace(child)
+        end = pool.replace(child)
         if pool.closed:
             patiently(lambda: ledger.release(claim), LAST_PATIENCE)
+        elif end is not None and end.code < 0 and end.peak_memory > MUCH_MEMORY * place.memory:
+            patiently(lambda: ledger.fail(claim, out_of_memory(place.memory)), PATIENCE)
         else:
-            patiently(lambda: ledger.died(claim, _describe(ended_with)), PATIENCE)
+            patiently(lambda: ledger.died(claim, _describe(end)), PATIENCE)
         return
     except BaseException:
         pool.replace(child)
@@ -121,9 +127,9 @@ def _trouble(claim: Claim, child: Child, vitals: Vitals, took: float, deadline: 
     return None
 
 
-def _describe(ended_with: int | None) -> str:
-    if ended_with is None:
+def _describe(end: Exit | None) -> str:
+    if end is None:
         return "the process of the computation broke its connection"
-    if ended_with < 0:
-        return f"the process of the computation was killed by {signal.Signals(-ended_with).name}"
-    return f"the process of the computation ended with code {ended_with}"
+    if end.code < 0:
+        return f"the process of the computation was killed by {signal.Signals(-end.code).name}"
+    return f"the process of the computation ended with code {end.code}"

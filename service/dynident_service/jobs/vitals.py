@@ -42,6 +42,15 @@ class Vitals:
         return "stopped" if state in ("T", "t") else "still"
 
 
+def processor_time(pid: int) -> float:
+    """Processor time of a process in seconds; 0 where it is not known."""
+    try:
+        fields = (PROCESSES / str(pid) / "stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
 def group_of(leader: int) -> tuple[int, str]:
     """The processor time of a process group, in ticks, and the state of its leader; "" where it is not known."""
     used, state = 0, ""

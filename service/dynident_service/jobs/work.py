@@ -39,6 +39,8 @@ class Place:
     max_attempts: int
     deadline: float
     """Seconds that one attempt at a job may take."""
+    memory: int
+    """Bytes that a job may take, beside what is loaded."""
     colleagues: Colleagues | None = None
 
 

@@ -6,9 +6,10 @@ import json
 from dataclasses import dataclass
 from datetime import datetime
 from math import nan
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar, cast
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetCoreSchemaHandler
+from pydantic_core import CoreSchema
 
 from dynident_service.problems import Problem
 from dynident_service.storage.records import State
@@ -16,6 +17,13 @@ from dynident_service.storage.records import State
 T = TypeVar("T")
 RequestT = TypeVar("RequestT", bound=BaseModel)
 ResultT = TypeVar("ResultT", bound=BaseModel)
+
+MOST_ITEMS = 1000
+"""Of a list or an object in a request for which nothing else is stated: ten times as many as any robot or recording in
+use has needed, and few enough that what is computed for each of them ends."""
+MOST_EFFECTS = 200
+"""In a model: of each comes a column for each joint, and what is computed grows with their square."""
+_SIZED = frozenset({"list", "set", "frozenset", "dict"})
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Identifier = Annotated[str, Field(min_length=1, max_length=40)]
@@ -33,10 +41,24 @@ class At:
     null: float | tuple[float, float] = nan
 
 
+def _limit_sizes(schema: Any) -> Any:
+    if isinstance(schema, list):
+        return [_limit_sizes(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    limits = {"max_length": MOST_ITEMS} if schema.get("type") in _SIZED else {}
+    return limits | {name: _limit_sizes(part) for name, part in schema.items()}
+
+
 class Asked(BaseModel):
     """A request, or a part of one: a field that nobody knows is an error, not ignored."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Limit every list and object for which no limit is stated."""
+        return cast(CoreSchema, _limit_sizes(handler(source)))
 
 
 class Wanted(Asked):
@@ -92,6 +114,9 @@ class EffectChoice(Asked):
     joints: list[str] = Field(default=[], description="Names; all that the effect may sit on where none is given.")
     shape_parameters: dict[str, float] = Field(default={}, description="Shape constants; searched where not given.")
     runs: list[str] = Field(default=[], description="Names of the measurements, or labels of their runs, that it is in")
+
+
+Effects = Annotated[list[EffectChoice], Field(max_length=MOST_EFFECTS)]
 
 
 def plain(model: BaseModel) -> dict[str, object]:

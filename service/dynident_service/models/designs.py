@@ -10,7 +10,7 @@ from pydantic import Field
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.request import DesignRequest as Designed
 from dynident.excitation.request import TrajectoryRequest
-from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Shown, Wanted
+from dynident_service.models.common import Asked, At, Computed, Effects, Identifier, Shown, Wanted
 from dynident_service.models.derived import asks
 from dynident_service.models.geometry import Point
 
@@ -19,7 +19,7 @@ from dynident_service.models.geometry import Point
 class Criterion(Asked):
     """How exciting a motion is (§12.3.4.1)."""
 
-    effects: list[EffectChoice] = Field(default=[])
+    effects: Effects = Field(default=[])
 
 
 @asks(TrajectoryRequest)
@@ -32,7 +32,7 @@ class DesignRequest(Wanted):
     """An experiment wanted."""
 
     robot_id: Identifier
-    effects: list[EffectChoice] | None = None
+    effects: Effects | None = None
     earlier_ids: list[Identifier] = Field(
         default=[], max_length=100, description="Measurements that the new experiment is to complement"
     )

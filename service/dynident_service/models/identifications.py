@@ -16,6 +16,7 @@ from dynident_service.models.common import Asked, At, Computed, EffectChoice, Id
 from dynident_service.models.derived import asks, query_of
 from dynident_service.models.revisions import SeenMeasurement
 from dynident_service.models.tables import Table
+from dynident_service.settings import LARGEST_BATCH
 from dynident_service.storage.records import State
 
 JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]
@@ -274,7 +275,9 @@ class Lineage(Shown):
 class BatchRequest(Asked):
     """Many identifications, each as `POST /v1/identifications` takes it: all of them are accepted, or none."""
 
-    items: list[IdentificationRequest] = Field(min_length=1, description="As many as DYNIDENT_MAX_BATCH, or fewer")
+    items: list[IdentificationRequest] = Field(
+        min_length=1, max_length=LARGEST_BATCH, description="As many as DYNIDENT_MAX_BATCH, or fewer"
+    )
 
 
 class BatchItem(Shown):

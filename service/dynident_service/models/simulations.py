@@ -24,14 +24,16 @@ class Noise(Asked):
     """Sensors of the virtual robot."""
 
 
-Rows = Annotated[list[Annotated[list[float], Field(fail_fast=True)]], Field(fail_fast=True)]
+MOST_ROWS = 2_000_000
+Row = Annotated[list[float], Field(fail_fast=True, max_length=200)]
+Rows = Annotated[list[Row], Field(fail_fast=True, max_length=MOST_ROWS)]
 """[sample][joint]; the first that is wrong is told, not all of a million."""
 
 
 class Samples(Asked):
     """A trajectory sample by sample: [sample][joint]; derivatives follow from q where they are not given."""
 
-    t: list[float] = Field(min_length=2, max_length=2_000_000, fail_fast=True)
+    t: list[float] = Field(min_length=2, max_length=MOST_ROWS, fail_fast=True)
     q: Rows = Field(min_length=2)
     dq: Rows | None = None
     ddq: Rows | None = None

@@ -65,6 +65,14 @@ def get_batch(batch_id: str, services: ServicesDep) -> BatchView:
     return _show(services, services.resources.get("batch", batch_id))
 
 
+@router.post("/{batch_id}/cancel")
+def cancel_batch(batch_id: str, services: ServicesDep) -> BatchView:
+    """Stop all jobs of a batch that have not ended; asking twice does no harm."""
+    batch = services.resources.get("batch", batch_id)
+    services.ledger.cancel_of_resources(members(batch))
+    return _show(services, batch)
+
+
 @router.delete("/{batch_id}", status_code=204)
 def delete_batch(batch_id: str, services: ServicesDep) -> None:
     """Forget what was asked for together; the identifications stay."""

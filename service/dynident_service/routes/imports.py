@@ -9,9 +9,11 @@ from typing import Annotated
 from anyio import to_thread
 from fastapi import APIRouter, File, Form, Request, Response, UploadFile
 
+from dynident_service.jobs.confinement import Limits
 from dynident_service.models.common import plain
 from dynident_service.models.imports import ImportMetadata, ImportView
 from dynident_service.routes.common import RetryKeyDep, again, make, stated
+from dynident_service.routes.forms import FormRoute
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed
 from dynident_service.routes.uploads import media_type_of, receive, sha256_of
@@ -19,10 +21,9 @@ from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Resource, RestsOn, Retry
 from dynident_service.storage.retention import KEPT
 
-router = APIRouter(prefix="/v1/imports", tags=["imports"])
+router = APIRouter(prefix="/v1/imports", tags=["imports"], route_class=FormRoute)
 
 LOOK = "dynident_service.work.awaited:look_at_file"
-LONGEST_LOOK = 120.0
 
 
 @router.post("", status_code=201)
@@ -47,7 +48,8 @@ async def import_file(
             return show(again(known, response))
         robot = await to_thread.run_sync(needed, services, "robot", said.robot_id, "/metadata/robot_id")
         arguments = {"source": str(source), "robot": dict(robot.request), "metadata": plain(said), "sha256": sha256}
-        result = await services.awaited.call(request, LOOK, dict, arguments, LONGEST_LOOK)
+        limits = Limits.for_files(source.stat().st_size)
+        result = await services.awaited.call(request, LOOK, dict, arguments, limits, is_long=True)
         return await to_thread.run_sync(lambda: show(_store(services, said, source, result, key, response)))
 
 

@@ -2,29 +2,34 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import NoneType
 from typing import Annotated, Any
 
 from anyio import to_thread
 from fastapi import APIRouter, File, Form, Query, Request, Response, UploadFile
-from fastapi.responses import StreamingResponse
+from fastapi.responses import FileResponse, StreamingResponse
+from starlette.background import BackgroundTask
 
+from dynident_service.jobs.confinement import Limits
 from dynident_service.models.common import plain
 from dynident_service.models.imports import MeasurementOfImport
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView, RawSignals, Standstills
 from dynident_service.problems import ProblemError, ProblemField, not_found, unusable, validation_problem
 from dynident_service.routes.common import RetryKey, RetryKeyDep, again, make, stated
+from dynident_service.routes.forms import FormRoute
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed
-from dynident_service.routes.uploads import MEDIA_TYPES, media_type_of, receive, require_room, sha256_of
-from dynident_service.science import importing
+from dynident_service.routes.uploads import MEDIA_TYPES, media_type_of, receive, require_room_for, sha256_of
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
 from dynident_service.storage.tombstones import ObjectGone
 
-router = APIRouter(prefix="/v1/measurements", tags=["measurements"])
+router = APIRouter(prefix="/v1/measurements", tags=["measurements"], route_class=FormRoute)
 
 JSON_BODY = {
     "requestBody": {
@@ -47,7 +52,12 @@ JSON_BODY = {
 
 
 IMPORT = "dynident_service.work.awaited:import_measurement"
-LONGEST_IMPORT = 3600.0
+RAW = "dynident_service.work.awaited:write_raw_signals"
+STANDSTILLS = "dynident_service.work.awaited:find_standstills"
+SMALLEST_ANSWER, LARGEST_ANSWER = 16_000_000, 500_000_000
+"""Bytes of signals that one answer may have: the largest is twenty minutes of 6 joints at 1 kHz."""
+DIGITS = 20
+"""Times as large as a file its signals may be as text: a number has 20 digits, and the file may be compressed."""
 
 
 @router.post("", status_code=201, openapi_extra=JSON_BODY)
@@ -89,7 +99,8 @@ async def checked(
     """Check a file and store it, unless an earlier try did, which made the resource."""
     if isinstance(received, Resource):
         return show(again(received, response))
-    result = await services.awaited.call(request, IMPORT, dict, received.to_import(), LONGEST_IMPORT)
+    limits = Limits.for_files(received.source.stat().st_size)
+    result = await services.awaited.call(request, IMPORT, dict, received.to_import(), limits, is_long=True)
     return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
 
 
@@ -102,7 +113,7 @@ def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key:
         detail = f"there is no import {asked.import_id!r}; they are kept for a day: upload the file again"
         raise unusable(detail, "/import_id", title="Unknown resource")
     original = found.objects["original"]
-    require_room(services, folder, original.size)
+    require_room_for(services, original.size)
     with source.open("wb") as target:
         for part in services.objects.stream(original.key):
             target.write(part)
@@ -234,9 +245,14 @@ def _keep(services: Services, received: Received) -> tuple[Owned, ...]:
     return original, services.resources.put_as("recording", canonical, MEDIA_TYPES["parquet"])
 
 
-@router.get("/{measurement_id}/raw", response_model=RawSignals)
-def get_raw_signals(
+@router.get(
+    "/{measurement_id}/raw",
+    response_class=FileResponse,
+    responses={200: {"model": RawSignals}},
+)
+async def get_raw_signals(
     measurement_id: str,
+    request: Request,
     services: ServicesDep,
     signals: Annotated[
         str | None,
@@ -245,27 +261,43 @@ def get_raw_signals(
     start: Annotated[float | None, Query(alias="from", allow_inf_nan=False, description="s")] = None,
     end: Annotated[float | None, Query(alias="to", allow_inf_nan=False, description="s")] = None,
     points: Annotated[int | None, Query(ge=12, le=100_000, description="About how many; all where not given")] = None,
-) -> Response:
+) -> FileResponse:
     """Give signals as they were recorded; with `points` thinned so that extremes survive, else all of them."""
-    with importing():
-        from dynident_service.adapters.raw_signals import as_recorded, streamed, thinned
-        from dynident_service.adapters.robots import robot_of
+    folder = Path(tempfile.mkdtemp(dir=services.settings.uploads_dir))
+    removal = BackgroundTask(shutil.rmtree, folder, ignore_errors=True)
+    try:
+        wanted = [name.strip() for name in (signals or "").split(",") if name.strip()]
+        sent = await to_thread.run_sync(_describe_raw, services, measurement_id, folder)
+        arguments = {**sent, "signals": wanted, "start": start, "end": end, "points": points}
+        size = Path(sent["source"]).stat().st_size
+        largest = min(max(SMALLEST_ANSWER, DIGITS * size), LARGEST_ANSWER)
+        await to_thread.run_sync(require_room_for, services, largest // 2)
+        await services.awaited.call(
+            request, RAW, NoneType, arguments, replace(Limits.for_files(size), file_bytes=largest)
+        )
+    except BaseException:
+        await removal()
+        raise
+    return FileResponse(sent["destination"], media_type="application/json", background=removal)
 
-    found = services.resources.get("measurement", measurement_id)
-    said = MeasurementMetadata.model_validate(found.request)
-    robot = robot_of(services.resources.get("robot", said.robot_id).request)
-    wanted = [name.strip() for name in (signals or "").split(",") if name.strip()]
-    opened = as_recorded(services.objects.path(original_of(found).key), robot, said, wanted)
-    if points is None:
-        return StreamingResponse(streamed(opened, start, end), media_type="application/json")
-    return Response(thinned(opened, points, start, end).model_dump_json(), media_type="application/json")
+
+def _describe_raw(services: Services, measurement_id: str, folder: Path) -> dict[str, Any]:
+    """What a child is told of the file of a measurement, and where it is to write signals of it."""
+    measurement = services.resources.get("measurement", measurement_id)
+    said = MeasurementMetadata.model_validate(measurement.request)
+    robot = services.resources.get("robot", said.robot_id)
+    return {
+        "source": str(services.objects.path(original_of(measurement).key)),
+        "destination": str(folder / "signals.json"),
+        "robot": dict(robot.request),
+        "metadata": plain(said),
+    }
 
 
 @router.get("/{measurement_id}/standstills")
-def get_standstills(measurement_id: str, services: ServicesDep) -> Standstills:
+async def get_standstills(measurement_id: str, request: Request, services: ServicesDep) -> Standstills:
     """Give the stretches of time in which each joint stands, as the recording's rows are told apart for friction."""
-    with importing():
-        from dynident_service.adapters.measurements import recording_of
-        from dynident_service.adapters.raw_signals import standstills
-
-    return standstills(recording_of(services.resources.get("measurement", measurement_id), services.objects))
+    found = await to_thread.run_sync(services.resources.get, "measurement", measurement_id)
+    path = await to_thread.run_sync(services.objects.path, found.objects["recording"].key)
+    asked = {"recording": str(path)}
+    return Standstills.model_validate(await services.awaited.call(request, STANDSTILLS, dict, asked))

@@ -10,9 +10,12 @@ from typing import Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, File, Request, Response, UploadFile
 
+from dynident_service.jobs.confinement import Limits
+from dynident_service.models.common import MOST_ITEMS
 from dynident_service.models.geometry import GeometryView, PosesView, PosturesRequest
 from dynident_service.models.robots import MeshesView
 from dynident_service.problems import unusable
+from dynident_service.routes.forms import FormRoute
 from dynident_service.routes.needs import needed
 from dynident_service.routes.uploads import receive
 from dynident_service.science import importing
@@ -20,7 +23,7 @@ from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.meshes import GEOMETRY, meshes_of, named_meshes, role_of
 from dynident_service.storage.records import Owned
 
-router = APIRouter(prefix="/v1/robots", tags=["robots"])
+router = APIRouter(prefix="/v1/robots", tags=["robots"], route_class=FormRoute)
 
 TAKE = "dynident_service.work.awaited:take_meshes"
 
@@ -40,7 +43,10 @@ async def put_meshes(
     robot_id: str,
     request: Request,
     services: ServicesDep,
-    files: Annotated[list[UploadFile], File(description="STL, OBJ, DAE or PLY, named as the description names them")],
+    files: Annotated[
+        list[UploadFile],
+        File(max_length=MOST_ITEMS, description="STL, OBJ, DAE or PLY, named as the description names them"),
+    ],
 ) -> MeshesView:
     """Give a robot the files of meshes that its description names; those that it has stay unless they come anew.
 
@@ -142,7 +148,9 @@ async def _taken(
             "destination": str(geometry),
         }
 
-    found = await services.awaited.call(request, TAKE, dict, await to_thread.run_sync(asked))
+    sizes = [*(file.stat().st_size for file in sent.values()), *(one.size for one in kept.values())]
+    asked_for = await to_thread.run_sync(asked)
+    found = await services.awaited.call(request, TAKE, dict, asked_for, Limits.for_files(*sizes), is_long=True)
 
     def stored() -> Taken:
         files, put = dict(kept), services.resources.put_as

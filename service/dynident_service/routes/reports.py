@@ -20,8 +20,19 @@ router = APIRouter(prefix="/v1/reports", tags=["reports"])
 
 
 def _address(request: Request, asked: Mapping[str, object]) -> dict[str, object]:
-    """As the client knows the service: a report that is sent on leads back to it."""
-    return {"address": f"{request.base_url}?identification={asked['identification_id']}"}
+    """Where a report that is sent on leads back to: what the settings say, or where this request was received.
+
+    Never what its `Host` header says, which whoever sends the request makes up.
+    """
+    base = request.app.state.services.settings.public_url or _received_at(request)
+    return {"address": f"{base.rstrip('/')}/?identification={asked['identification_id']}" if base else ""}
+
+
+def _received_at(request: Request) -> str:
+    host, port = request.scope.get("server") or ("", None)
+    if port is None:  # a Unix socket
+        return ""
+    return f"{request.url.scheme}://{f'[{host}]' if ':' in host else host}:{port}"
 
 
 @asked_for(

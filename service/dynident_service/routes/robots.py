@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-from pathlib import Path
 from typing import Any
 
-from anyio import CapacityLimiter, to_thread
+from anyio import to_thread
 from fastapi import APIRouter, Request, Response
-from fastapi.responses import FileResponse
-from starlette.background import BackgroundTask
+from fastapi.responses import StreamingResponse
 
 from dynident_service.limits import take_long
 from dynident_service.models.common import plain
@@ -18,8 +14,8 @@ from dynident_service.models.robots import RobotRequest, RobotView
 from dynident_service.routes.common import RetryKeyDep, make
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.meshes import inherited
-from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.bundle import export_robot
+from dynident_service.services import ServicesDep
+from dynident_service.storage.bundle import Bundle
 from dynident_service.storage.meshes import named_meshes
 from dynident_service.storage.records import NewResource, Resource
 
@@ -59,24 +55,11 @@ keep(
 )
 
 
-@router.get("/{robot_id}/bundle", response_class=FileResponse, responses=FILE)
-async def get_robot_bundle(robot_id: str, request: Request, services: ServicesDep) -> FileResponse:
+@router.get("/{robot_id}/bundle", response_class=StreamingResponse, responses=FILE)
+def get_robot_bundle(robot_id: str, request: Request, services: ServicesDep) -> StreamingResponse:
     """Give a robot with its recordings, models, diagnoses and reports as one ZIP, but for what is still computed."""
     take_long(request.scope)
-    path = await to_thread.run_sync(_write, services, robot_id, limiter=CapacityLimiter(1))
-    return FileResponse(
-        path, media_type=ZIP, filename=f"{robot_id}.zip", background=BackgroundTask(shutil.rmtree, path.parent)
-    )
-
-
-def _write(services: Services, robot_id: str) -> Path:
     services.resources.get("robot", robot_id)
-    folder = services.settings.uploads_dir
-    folder.mkdir(parents=True, exist_ok=True)
-    path = Path(tempfile.mkdtemp(dir=folder)) / "bundle.zip"
-    try:
-        export_robot(services.database, services.objects, robot_id, path)
-    except BaseException:
-        shutil.rmtree(path.parent)
-        raise
-    return path
+    bundle = Bundle(services.database, services.objects, robot_id)
+    headers = {"Content-Disposition": f'attachment; filename="{robot_id}.zip"'}
+    return StreamingResponse(bundle.stream(), media_type=ZIP, headers=headers)

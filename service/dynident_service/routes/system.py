@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Literal
 
-from anyio import CapacityLimiter, to_thread
+from anyio import to_thread
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel
 
@@ -38,15 +37,13 @@ async def health() -> Health:
 
 @router.get("/readyz", responses={503: {"model": Readiness}})
 async def readiness(services: ServicesDep, response: Response) -> Readiness:
-    """Tell whether database, object store and job engine work, and what is stored is whole; 503 if one does not.
+    """Tell whether the service does what it is asked for, and what is stored is whole; 503 where it is not.
 
-    While the engine starts, jobs are accepted already; one that is draining takes none, as the service ends.
+    The database is read, an object stored, and a child process asked as for any request; the answers are at most a
+    second old. While the engine starts, jobs are accepted already; one that is draining takes none, since the service
+    ends.
     """
-    # In threads of their own: those of other requests may all be busy.
-    checks = {
-        "database": await _checked(services.database.ping),
-        "objects": await _checked(services.objects.ping),
-    }
+    checks = await services.readiness.states()
     checks["engine"] = services.engine.condition
     checks["stored"] = services.housekeeping.condition
     ready = all(value in ("ok", "starting", "ready") for value in checks.values())
@@ -57,17 +54,6 @@ async def readiness(services: ServicesDep, response: Response) -> Readiness:
 @router.get("/metrics", response_class=Response, responses={200: {"content": {"text/plain": {}}}})
 async def metrics(request: Request) -> Response:
     """Give figures for Prometheus."""
-    text = await to_thread.run_sync(request.app.state.metrics.text, limiter=_own_threads())
+    figures = request.app.state.metrics
+    text = await to_thread.run_sync(figures.text, limiter=figures.thread)
     return Response(text, media_type=CONTENT_TYPE_LATEST)
-
-
-def _own_threads() -> CapacityLimiter:
-    return CapacityLimiter(1)
-
-
-async def _checked(check: Callable[[], object]) -> str:
-    try:
-        await to_thread.run_sync(check, limiter=_own_threads())
-    except Exception as error:
-        return f"failed: {type(error).__name__}"
-    return "ok"

@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 from fastapi import UploadFile
 
-from dynident_service.problems import ProblemError
 from dynident_service.services import Services
 from dynident_service.storage.objects import digest
+from dynident_service.storage.space import require_room
 
 MEDIA_TYPES = {"csv": "text/csv", "parquet": "application/vnd.apache.parquet"}
 
 
-def require_room(services: Services, folder: Path, size: int) -> None:
-    """Refuse what would fill the disk to the brim: the database needs room too, even to delete something."""
-    needed = 2 * size + services.settings.reserved_bytes  # the file and what is made of it
-    if shutil.disk_usage(folder).free < needed:
-        detail = "The disk of the service is nearly full (DYNIDENT_RESERVED_BYTES), so nothing was stored; make room."
-        raise ProblemError(507, detail, title="Disk full")
+def require_room_for(services: Services, size: int) -> None:
+    """Refuse a file of so many bytes for which there is no room, with what is made of it."""
+    require_room(services.settings.data_dir, 2 * size, services.settings.reserved_bytes)
 
 
 def receive(services: Services, file: UploadFile, target: Path) -> None:
-    """Write what is uploaded into a file."""
-    require_room(services, target.parent, file.size or 0)
-    with target.open("wb") as opened:
-        shutil.copyfileobj(file.file, opened, 1 << 20)
+    """Move what was uploaded to where it is wanted."""
+    require_room_for(services, file.size or 0)
+    Path(file.file.name).replace(target)
 
 
 def sha256_of(path: Path) -> str:

@@ -1,10 +1,12 @@
 """An archive of what is stored: rows of tables as lines of JSON and objects under their hashes, in a folder or a ZIP.
 
-    manifest.json          what it is, and which version wrote it
-    tables/resources.jsonl one row a line, by names of columns
-    objects/<sha256>       the bytes
+    manifest.json                 what it is, which version wrote it, and where its tables are
+    tables-<number>/resources.jsonl one row a line, by names of columns
+    objects/<sha256>              the bytes
 
-It belongs to no kind of database or store: what was written from SQLite is read into PostgreSQL, and the other way.
+The manifest is the one switch: it is written last and takes its name in one step. Tables have a new name each time, and
+an object never changes, so that an archive which is written over an older one leaves that whole until then. It belongs
+to no kind of database or store: what was written from SQLite is read into PostgreSQL, and the other way.
 """
 
 from __future__ import annotations
@@ -13,10 +15,13 @@ import hashlib
 import json
 import lzma
 import os
+import re
+import secrets
+import shutil
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from datetime import datetime
 from pathlib import Path
@@ -28,7 +33,9 @@ from dynident.errors import DynidentError
 from dynident.version import __version__
 from dynident_service.storage.tables import UtcDateTime
 
-FORMAT = 1
+FORMAT = 2
+READABLE = (1, 2)
+"""The first had its tables in the folder `tables`, always."""
 CHUNK = 1 << 20
 LONGEST_ROW = 64 * CHUNK
 """Bytes of a line; the largest body of a request makes less."""
@@ -43,6 +50,10 @@ NO_SIZE = 2**32 - 1
 """Where a longer record says it."""
 _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError, RuntimeError, OSError)
 """What comes of a ZIP that is cut, locked, packed in a way that nobody knows, or made by hand."""
+TABLES = "tables"
+"""The folder of the tables in a ZIP, which is written but once, and in archives of the first format."""
+_TABLES = re.compile(r"tables(-[0-9a-f]{16})?")
+_OBJECT = re.compile(r"([0-9a-f]{64})(\.part)?")
 Row = dict[str, object]
 Content = Literal["everything", "robot"]
 
@@ -52,6 +63,22 @@ class Folder:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self.tables = TABLES
+        """The folder of the tables; the manifest says which."""
+
+    def begin_tables(self) -> None:
+        """Have the tables written into a folder that there is none of yet."""
+        self.tables = f"{TABLES}-{secrets.token_hex(8)}"
+
+    def clean(self, tables: str | None, keys: Collection[str] | None = None) -> None:
+        """Remove what belongs to no archive here: tables but these, files that were cut, objects but these if given."""
+        for path in self._path.glob(f"{TABLES}*"):
+            if _TABLES.fullmatch(path.name) and path.name != tables:
+                shutil.rmtree(path)
+        for path in (self._path / "objects").glob("*"):
+            matched = _OBJECT.fullmatch(path.name)
+            if matched and (matched[2] or (keys is not None and matched[1] not in keys)):
+                path.unlink()
 
     def write(self, name: str) -> AbstractContextManager[IO[bytes]]:
         """Open a file to write it."""
@@ -77,6 +104,7 @@ class Zipped:
 
     def __init__(self, zipped: zipfile.ZipFile) -> None:
         self._zipped = zipped
+        self.tables = TABLES
 
     def write(self, name: str) -> AbstractContextManager[IO[bytes]]:
         """Open a file to write it."""
@@ -123,8 +151,18 @@ class _Whole:
             os.fsync(self._file.fileno())
         if kind is None:
             self._unfinished.replace(self._path)
+            _write_names(self._path.parent)
         else:
             self._unfinished.unlink()
+
+
+def _write_names(folder: Path) -> None:
+    """Have the names of the files in a folder on the disk, too: a manifest must not be there before what it names."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def check_listing(source: Path, most: int) -> None:
@@ -143,7 +181,7 @@ def check_listing(source: Path, most: int) -> None:
 def write_rows(files: Files, table: str, rows: Iterable[Mapping[str, object]]) -> int:
     """Write the rows of a table; tells how many."""
     number = 0
-    with files.write(f"tables/{table}.jsonl") as file:
+    with files.write(f"{files.tables}/{table}.jsonl") as file:
         for row in rows:
             file.write(json.dumps(dict(row), default=_plain, ensure_ascii=False).encode() + b"\n")
             number += 1
@@ -155,7 +193,7 @@ def read_rows(files: Files, table: Table) -> Iterator[Row]:
 
     Raises DynidentError for a line that is no row.
     """
-    name = f"tables/{table.name}.jsonl"
+    name = f"{files.tables}/{table.name}.jsonl"
     if files.size(name) is None:
         return
     times = {column.name: isinstance(column.type, UtcDateTime) for column in table.columns}
@@ -220,6 +258,7 @@ class Manifest(TypedDict):
     content: Content
     dynident: str
     revision: str
+    tables: str
     subject: str | None
     counts: dict[str, int]
 
@@ -233,6 +272,7 @@ def write_manifest(
         "content": content,
         "dynident": __version__,
         "revision": revision,
+        "tables": files.tables,
         "subject": subject,
         "counts": dict(counts),
     }
@@ -240,8 +280,23 @@ def write_manifest(
         file.write(json.dumps(said, indent=1).encode())
 
 
+def tables_of(folder: Folder) -> str | None:
+    """Tell where the tables of a whole archive in a folder are; None where there is no archive yet."""
+    try:
+        with folder.read("manifest.json") as file:
+            said = json.loads(file.read(CHUNK))
+    except FileNotFoundError:
+        return None
+    except ValueError as error:
+        raise unusable("its manifest is damaged; write into another folder") from error
+    return str(said.get("tables", TABLES)) if isinstance(said, dict) else None
+
+
 def read_manifest(files: Files, content: Content, known: Iterable[str]) -> Manifest:
-    """Read what the archive is; DynidentError unless it is of that content and a version that is known here."""
+    """Read what the archive is, and where its tables are.
+
+    DynidentError unless it is of that content and a version that is known here.
+    """
     try:
         with files.read("manifest.json") as file:
             read = json.loads(file.read(CHUNK))
@@ -250,7 +305,7 @@ def read_manifest(files: Files, content: Content, known: Iterable[str]) -> Manif
             "this is no whole archive of dynident: it has no manifest", title="Unusable archive"
         ) from error
     said = read if isinstance(read, dict) else {}
-    if said.get("dynident_archive") != FORMAT or str(said.get("revision")) not in known:
+    if said.get("dynident_archive") not in READABLE or str(said.get("revision")) not in known:
         written = said.get("dynident")
         detail = (
             f"the archive was written by dynident {written}, which is newer than this one ({__version__}); update first"
@@ -262,6 +317,9 @@ def read_manifest(files: Files, content: Content, known: Iterable[str]) -> Manif
             f"the archive holds {said.get('content')}; {does.get(str(said.get('content')), 'it is of no use here')}"
         )
         raise DynidentError(detail, title="Unusable archive")
+    files.tables = str(said.get("tables", TABLES))
+    if not _TABLES.fullmatch(files.tables):
+        raise unusable(f"{files.tables[:80]!r} is no folder of tables")
     found: Manifest = read
     return found
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
+import os
 import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -15,6 +18,7 @@ from sqlalchemy import Connection, Table, func, insert, select, text
 from sqlalchemy.exc import IntegrityError, StatementError
 
 from dynident.errors import DynidentError
+from dynident_service.problems import ProblemError
 from dynident_service.storage.archive import (
     Files,
     Folder,
@@ -23,6 +27,7 @@ from dynident_service.storage.archive import (
     read_manifest,
     read_object,
     read_rows,
+    tables_of,
     write_manifest,
     write_object,
     write_rows,
@@ -51,18 +56,45 @@ class Amount:
 
 @contextmanager
 def files_to_write(target: Path) -> Iterator[Files]:
-    """Open an archive: a ZIP where the name ends in .zip, else a folder. A ZIP is there once it is whole."""
+    """Open an archive: a ZIP where the name ends in .zip, else a folder. Either is there once its manifest is.
+
+    Raises
+    ------
+    DynidentError
+        While another process writes the same.
+    """
     if target.suffix.lower() != ZIP:
-        target.mkdir(parents=True, exist_ok=True)
-        yield Folder(target)
+        target.mkdir(parents=True, exist_ok=True, mode=0o700)
+        with _open_alone(target, os.O_RDONLY):
+            files = Folder(target)
+            files.begin_tables()
+            yield files
         return
     unfinished = target.with_name(target.name + ".part")
+    with _open_alone(unfinished, os.O_RDWR | os.O_CREAT) as handle:
+        try:
+            os.ftruncate(handle, 0)  # what a process left that was killed
+            with os.fdopen(handle, "r+b", closefd=False) as file:
+                with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as zipped:
+                    yield Zipped(zipped)
+                file.flush()
+                os.fsync(handle)
+            unfinished.replace(target)
+        finally:
+            unfinished.unlink(missing_ok=True)
+
+
+@contextmanager
+def _open_alone(path: Path, flags: int) -> Iterator[int]:
+    """Open a file or a folder that no other process has open in this way; the system ends this with the process."""
+    handle = os.open(path, flags, 0o600)
     try:
-        with zipfile.ZipFile(unfinished, "w", zipfile.ZIP_STORED) as zipped:
-            yield Zipped(zipped)
-        unfinished.replace(target)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield handle
+    except BlockingIOError as error:
+        raise DynidentError(f"another process writes {path}; wait until it has ended", title="In use") from error
     finally:
-        unfinished.unlink(missing_ok=True)
+        os.close(handle)
 
 
 @contextmanager
@@ -86,20 +118,39 @@ def files_to_read(source: Path, most: int | None = None) -> Iterator[Files]:
 def back_up(database: Database, objects: ObjectStore, target: Path) -> Amount:
     """Write all that is stored into an archive; into a folder that has one, only the objects that are new.
 
-    All rows are of one moment; objects are written after them, and what is deleted meanwhile is still kept for a while.
+    All rows are of one moment. Most objects are copied before it, since that may take hours, and what is deleted
+    meanwhile is kept for a while only; the few that came meanwhile after it. A process that is killed at any instant
+    leaves the archive of before whole, and the next one removes what it left.
     """
     with files_to_write(target) as files:
+        if isinstance(files, Folder):
+            files.clean(tables_of(files))
+        with database.engine.connect() as connection:
+            owned = _owned(connection)
+        for key, size in owned.items():
+            with contextlib.suppress(ProblemError):  # deleted since; of any other the second round says it
+                _copy(objects, files, key, size)
         with database.one_moment() as connection:
             counts = {table.name: write_rows(files, table.name, _rows(connection, table)) for table in tables()}
-            owned = connection.execute(select(ObjectRow.key, ObjectRow.size).distinct()).all()
+            owned = _owned(connection)
             revision = revision_of(connection)
-        copied, size = 0, 0
-        for key, expected in owned:
-            if files.size(f"objects/{key}") != expected:
-                write_object(files, key, objects.stream(key))
-            copied, size = copied + 1, size + expected
+        for key, size in owned.items():
+            _copy(objects, files, key, size)
         write_manifest(files, "everything", revision, counts)
-    return Amount(sum(counts.values()), copied, size)
+        if isinstance(files, Folder):
+            files.clean(files.tables, owned)
+    return Amount(sum(counts.values()), len(owned), sum(owned.values()))
+
+
+def _owned(connection: Connection) -> dict[str, int]:
+    """The size of each object that belongs to a resource, by its key."""
+    rows = connection.execute(select(ObjectRow.key, ObjectRow.size).distinct()).all()
+    return {row.key: row.size for row in rows}
+
+
+def _copy(objects: ObjectStore, files: Files, key: str, size: int) -> None:
+    if files.size(f"objects/{key}") != size:
+        write_object(files, key, objects.stream(key))
 
 
 def restore(database: Database, objects: ObjectStore, source: Path, scratch: Path) -> Amount:

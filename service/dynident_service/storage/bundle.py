@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import re
+import zipfile
 from collections.abc import Callable, Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -14,17 +16,16 @@ from sqlalchemy.exc import DataError, IntegrityError
 from dynident.errors import DynidentError
 from dynident_service.storage.archive import (
     Files,
+    Zipped,
     read_manifest,
     read_rows,
     unusable,
     write_manifest,
-    write_object,
     write_rows,
 )
 from dynident_service.storage.backup import (
     Amount,
     files_to_read,
-    files_to_write,
     known_revisions,
     put_object,
     revision_of,
@@ -57,20 +58,78 @@ MOST_FILES = 100_000
 
 
 def export_robot(database: Database, objects: ObjectStore, robot_id: str, target: Path) -> Amount:
-    """Write a robot and all that rests on it into an archive; what is still being computed is left out."""
-    with files_to_write(target) as files, database.one_moment() as connection:
-        if connection.execute(select(ResourceRow.kind).where(ResourceRow.id == robot_id)).scalar() != "robot":
-            raise DynidentError(f"there is no robot {robot_id!r}", title="Unknown resource")
-        ids = _family(connection, robot_id)
-        parts = {table: list(_of(connection, table, column, ids)) for table, column in PARTS}
-        jobs = [row["id"] for row in parts[JobRow]]
-        parts[JobEventRow] = list(_of(connection, JobEventRow, JobEventRow.job_id, jobs))
-        counts = {row.__tablename__: write_rows(files, row.__tablename__, parts[row]) for row in parts}
-        owned = {row["key"]: row["size"] for row in parts[ObjectRow]}
-        for key in owned:
-            write_object(files, key, objects.stream(key))
-        write_manifest(files, "robot", revision_of(connection), counts, robot_id)
-    return Amount(sum(counts.values()), len(owned), sum(owned.values()))
+    """Write the archive of a robot into a file, which is there once it is whole."""
+    bundle = Bundle(database, objects, robot_id)
+    unfinished = target.with_name(target.name + ".part")
+    try:
+        with unfinished.open("wb") as file:
+            file.writelines(bundle.stream())
+        unfinished.replace(target)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    return bundle.amount
+
+
+class Bundle:
+    """The archive of a robot and of all that rests on it, but for what is still being computed.
+
+    Raises DynidentError where there is no such robot.
+    """
+
+    def __init__(self, database: Database, objects: ObjectStore, robot_id: str) -> None:
+        self._objects = objects
+        self._robot_id = robot_id
+        with database.one_moment() as connection:
+            if connection.execute(select(ResourceRow.kind).where(ResourceRow.id == robot_id)).scalar() != "robot":
+                raise DynidentError(f"there is no robot {robot_id!r}", title="Unknown resource")
+            ids = _family(connection, robot_id)
+            self._rows: dict[Any, list[Any]] = {
+                table: list(_of(connection, table, column, ids)) for table, column in PARTS
+            }
+            jobs = [row["id"] for row in self._rows[JobRow]]
+            self._rows[JobEventRow] = list(_of(connection, JobEventRow, JobEventRow.job_id, jobs))
+            self._revision = revision_of(connection)
+        self._sizes = {row["key"]: row["size"] for row in self._rows[ObjectRow]}
+
+    @property
+    def amount(self) -> Amount:
+        """How much it holds."""
+        return Amount(sum(map(len, self._rows.values())), len(self._sizes), sum(self._sizes.values()))
+
+    def stream(self) -> Iterator[bytes]:
+        """Give the ZIP piece by piece: nothing of it is kept for a reader who is slow."""
+        pieces = _Pieces()
+        with zipfile.ZipFile(pieces, "w", zipfile.ZIP_STORED) as zipped:
+            files = Zipped(zipped)
+            counts = {row.__tablename__: write_rows(files, row.__tablename__, self._rows[row]) for row in self._rows}
+            yield pieces.take()
+            for key in self._sizes:
+                # The store compares what it gives with its hash.
+                with files.write(f"objects/{key}") as file:
+                    for chunk in self._objects.stream(key):
+                        file.write(chunk)
+                        yield pieces.take()
+            write_manifest(files, "robot", self._revision, counts, self._robot_id)
+        yield pieces.take()
+
+
+class _Pieces(io.RawIOBase):
+    """A file that is written from its beginning to its end, and read meanwhile."""
+
+    def __init__(self) -> None:
+        self._written: list[bytes] = []
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, content: Any) -> int:
+        self._written.append(bytes(content))
+        return len(content)
+
+    def take(self) -> bytes:
+        """Give what was written since it was last asked."""
+        written, self._written = b"".join(self._written), []
+        return written
 
 
 def import_robot(

@@ -1,9 +1,9 @@
-"""Looks through all that is stored: what is missing, damaged, or kept for nobody."""
+"""Looks through all that is stored: what is missing, damaged, cannot be read, or is kept for nobody."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -11,15 +11,27 @@ from typing import Literal
 from sqlalchemy import select, text
 from sqlalchemy.exc import DatabaseError
 
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import AT_ONCE, Database
 from dynident_service.storage.objects import PROBE_KEY, ObjectStore
-from dynident_service.storage.tables import ObjectRow, TombstoneRow
+from dynident_service.storage.reading import read_those
+from dynident_service.storage.records import Resource
+from dynident_service.storage.tables import ObjectRow, ResourceRow, TombstoneRow
 from dynident_service.storage.tombstones import announce
 
 LEFT_AFTER = 24 * 3600.0
 """An unfinished object that has not changed for so many seconds was left behind by a writer that was cut off."""
 
-Trouble = Literal["database", "missing", "cut", "damaged", "orphan", "leftover"]
+Trouble = Literal["database", "missing", "cut", "damaged", "unreadable", "orphan", "leftover"]
+REMEDIES: dict[Trouble, str] = {
+    "database": "restore the last backup into a new data directory (`dynident restore`)",
+    "missing": "upload the same file again",
+    "cut": "upload the same file again",
+    "damaged": "upload the same file again",
+    "unreadable": "ask for it again, its request is kept; or read it with the version of dynident that wrote it",
+    "orphan": "`dynident doctor --repair` removes it",
+    "leftover": "`dynident doctor --repair` removes it",
+}
+"""What is to be done."""
 CURABLE: frozenset[Trouble] = frozenset({"orphan", "leftover"})
 """What can be put right without losing anything that anybody owns."""
 
@@ -30,7 +42,7 @@ class Finding:
 
     trouble: Trouble
     what: str
-    """The object's key, a file's path, or the place in the database."""
+    """The object's key, a file's path, the id of a resource, or the place in the database."""
     detail: str
     owners: tuple[str, ...] = ()
 
@@ -40,12 +52,30 @@ class Finding:
         return self.trouble in CURABLE
 
 
-def examine(database: Database, objects: ObjectStore, *, by_hash: bool = True) -> Iterator[Finding]:
-    """Go through all that is stored, and give what is wrong; without `by_hash` contents are not read, only sizes."""
+def examine(
+    database: Database,
+    objects: ObjectStore,
+    *,
+    by_hash: bool = True,
+    problem_of: Callable[[Resource], str | None] | None = None,
+) -> Iterator[Finding]:
+    """Go through all that is stored, and give what is wrong.
+
+    Parameters
+    ----------
+    database, objects
+        What is stored.
+    by_hash : bool
+        Whether contents are read, and not only sizes.
+    problem_of : callable, optional
+        Tells what of a resource this version cannot read, and why; left out, nobody tries.
+    """
     found = list(examine_database(database))
     yield from found
     if found:
         return  # what a damaged database says of objects is not to be relied on
+    if problem_of is not None:
+        yield from _unreadable(database, problem_of)
     owners = _owners(database)
     sizes = dict(objects.listed())
     for (key, size), names in owners.items():
@@ -82,6 +112,18 @@ def repair(database: Database, objects: ObjectStore, finding: Finding) -> None:
         Path(finding.what).unlink(missing_ok=True)
     else:
         raise ValueError(f"{finding.trouble} cannot be put right")
+
+
+def _unreadable(database: Database, problem_of: Callable[[Resource], str | None]) -> Iterator[Finding]:
+    with database.read() as session:
+        ids = list(session.scalars(select(ResourceRow.id).order_by(ResourceRow.id)))
+    for start in range(0, len(ids), AT_ONCE):
+        with database.read() as session:
+            resources = read_those(session, ids[start : start + AT_ONCE])
+        for resource in resources:
+            problem = problem_of(resource)
+            if problem is not None:
+                yield Finding("unreadable", resource.id, problem)
 
 
 def _owners(database: Database) -> dict[tuple[str, int], tuple[str, ...]]:

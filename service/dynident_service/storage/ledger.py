@@ -88,7 +88,9 @@ class Ledger:
             return job.id
 
     def claim(self, slots: int, own: Collection[str] | None = None) -> list[Claim]:
-        """Take as many queued jobs, oldest first, as there are free slots; leases that ran out free their jobs.
+        """Take as many queued jobs as there are free slots; leases that ran out free their jobs.
+
+        Each is the oldest of the key of which the fewest run, so that nobody waits behind all the jobs of another.
 
         A slot is taken by each running job of `own`, the ids of those that were given to these slots; by whichever job
         runs where that is not known.
@@ -173,6 +175,13 @@ class Ledger:
                 detail = f"The job {job_id} has already {row.state}; there is nothing to cancel."
                 raise ProblemError(409, detail, title="Already finished")
             return as_job(row)
+
+    def cancel_of_resources(self, identifiers: Sequence[str]) -> None:
+        """Ask for the jobs of resources to be stopped, all of them or none; those that ended are left as they are."""
+        with self._database.write() as session:
+            moment = clock(session)
+            for start in range(0, len(identifiers), AT_ONCE):
+                turns.cancel_all(session.connection(), identifiers[start : start + AT_ONCE], moment)
 
     def get(self, job_id: str) -> Job:
         """Read one job; a problem 404 if there is none."""

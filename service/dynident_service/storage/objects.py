@@ -20,6 +20,8 @@ from dynident_service.problems import ProblemError
 
 CHUNK = 8 * 1024 * 1024
 """Bytes read or uploaded at once; S3 takes no parts below 5 MiB."""
+STREAMED = 256 * 1024
+"""Bytes that are read at once of an object which somebody fetches, who may be slow: so many wait for each of them."""
 PROBE = b"dynident"
 """What is put and read again to see whether the store works."""
 PROBE_KEY = hashlib.sha256(PROBE).hexdigest()
@@ -93,7 +95,7 @@ class ObjectStore:
             found = obstore.get(self._store, _path(key))
         except FileNotFoundError as error:
             raise missing(key) from error
-        return _checked(found.stream(min_chunk_size=CHUNK), key)
+        return _checked(found.stream(min_chunk_size=STREAMED), key)
 
     def path(self, key: str) -> Path:
         """Give a local file with the object: the object itself in a local store, else a copy in the cache.
@@ -112,6 +114,11 @@ class ObjectStore:
         except ProblemError:  # the copy, not the object
             self._fetch(key, cached)
         return cached
+
+    @property
+    def local_folder(self) -> Path:
+        """The folder below which `path` gives files."""
+        return (self._cache_dir if self._folder is None else self._folder).resolve()
 
     def key_of(self, path: Path) -> str | None:
         """Tell which object a local file is that `path` gave; None for any other file."""

@@ -171,7 +171,10 @@ class JobRow(Table):
     finished_at: Mapped[datetime | None]
     owner: Mapped[str | None] = mapped_column(Text(200))
 
-    __table_args__ = (Index("ix_jobs_state_id", "state", "id"), _of_owners("state", "jobs"))
+    __table_args__ = (
+        Index("ix_jobs_state_id", "state", "id"),
+        Index("ix_jobs_state_owner_id", "state", "owner", "id"),
+    )
 
 
 class CheckpointRow(Table):

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Row, Select, bindparam, delete, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Row, Select, bindparam, case, delete, func, insert, select, update
 from sqlalchemy.orm import Session
+from sqlalchemy.sql.dml import ReturningUpdate
 
 from dynident_service import traces
 from dynident_service.logs import current_request
@@ -43,21 +44,49 @@ _EXPIRED: Select[Any] = (
     .where(JOBS.c.state == "running", JOBS.c.lease_until < bindparam("moment"))
     .with_for_update(skip_locked=True)
 )
-# Apart, so that PostgreSQL looks for them once, however it finds the rows that it writes.
-_QUEUED = (
-    select(JOBS.c.id)
-    .where(JOBS.c.state == "queued")
-    .order_by(JOBS.c.id)
-    .limit(bindparam("most"))
-    .with_for_update(skip_locked=True)
-    .cte("waiting")
+_QUEUED, _RUNNING = JOBS.c.state == "queued", JOBS.c.state == "running"
+_FIRST_OWNER = select(func.min(JOBS.c.owner).label("owner")).where(_QUEUED).cte("owners", recursive=True)
+_NEXT_OWNER = select(func.min(JOBS.c.owner)).where(_QUEUED, JOBS.c.owner > _FIRST_OWNER.c.owner).scalar_subquery()
+_OWNERS = _FIRST_OWNER.union_all(select(_NEXT_OWNER).where(_FIRST_OWNER.c.owner.is_not(None)))
+"""Who has queued jobs: each is found by the index from the one before, however many jobs there are. The last row is
+NULL, for the jobs of nobody."""
+
+
+def _of_each_owner(query: Select[Any]) -> ColumnElement[Any]:
+    """Ask about the jobs of each of the owners; written twice, as only so PostgreSQL takes the index for both."""
+    of_nobody = query.where(JOBS.c.owner.is_(None)).scalar_subquery()
+    return case(
+        (_OWNERS.c.owner.is_(None), of_nobody), else_=query.where(JOBS.c.owner == _OWNERS.c.owner).scalar_subquery()
+    )
+
+
+_TURNS: Select[Any] = select(
+    _OWNERS.c.owner,
+    _of_each_owner(select(func.min(JOBS.c.id)).where(_QUEUED)).label("oldest"),
+    _of_each_owner(select(func.count()).where(_RUNNING)).label("running"),
 )
-_TAKE = (
-    update(JOBS)
-    .where(JOBS.c.id.in_(select(_QUEUED.c.id)))
-    .values(state="running", attempt=JOBS.c.attempt + 1, started_at=bindparam("moment"), lease_until=bindparam("until"))
-    .returning(JOBS.c.id, JOBS.c.attempt, JOBS.c.function, JOBS.c.arguments, JOBS.c.resource_id)
-)
+
+
+def _take_oldest(*of_owner: ColumnElement[bool]) -> ReturningUpdate[Any]:
+    # Apart, so that PostgreSQL looks for it once, however it finds the row that it writes.
+    oldest = (
+        select(JOBS.c.id)
+        .where(_QUEUED, *of_owner)
+        .order_by(JOBS.c.id)
+        .limit(1)
+        .with_for_update(skip_locked=True)
+        .cte("oldest")
+    )
+    values = {"attempt": JOBS.c.attempt + 1, "started_at": bindparam("moment"), "lease_until": bindparam("until")}
+    return (
+        update(JOBS)
+        .where(JOBS.c.id.in_(select(oldest.c.id)))
+        .values(state="running", **values)
+        .returning(JOBS.c.id, JOBS.c.attempt, JOBS.c.function, JOBS.c.arguments, JOBS.c.resource_id)
+    )
+
+
+_TAKE_OF_OWNER, _TAKE_OF_NOBODY = _take_oldest(JOBS.c.owner == bindparam("of")), _take_oldest(JOBS.c.owner.is_(None))
 _REQUEUE = (
     update(JOBS)
     .where(_THIS)
@@ -70,6 +99,12 @@ _END = (
     .values(state=bindparam("ended"), lease_until=None, finished_at=bindparam("moment"), error=bindparam("problem"))
 )
 _COUNT_UP = update(JOBS).where(_THIS).values(deaths=bindparam("died"), losses=bindparam("lost"))
+_THESE = JOBS.c.resource_id.in_(bindparam("resources", expanding=True))
+_CANCEL_QUEUED = (
+    update(JOBS).where(_THESE, _QUEUED).values(state="cancelled", finished_at=bindparam("moment")).returning(JOBS.c.id)
+)
+_CANCEL_RUNNING = update(JOBS).where(_THESE, _RUNNING).values(cancel_requested=True)
+_FORGET_ALL = delete(CHECKPOINTS).where(CHECKPOINTS.c.job_id.in_(bindparam("jobs", expanding=True)))
 _FORGET = delete(CHECKPOINTS).where(CHECKPOINTS.c.job_id == bindparam("job"))
 
 
@@ -116,9 +151,21 @@ def add_jobs(
 
 
 def take(connection: Connection, most: int, moment: datetime, until: datetime) -> list[Claim]:
-    """Begin as many queued jobs, oldest first, which are held until then."""
-    rows = connection.execute(_TAKE, {"most": most, "moment": moment, "until": until}).all()
-    claims = [_claim(row) for row in sorted(rows, key=lambda row: str(row.id))]
+    """Begin as many queued jobs, which are held until then: each the oldest of the owner of whom the fewest run."""
+    claims: list[Claim] = []
+    passed_over: set[str | None] = set()
+    """Owners all of whose jobs others are about to take."""
+    while len(claims) < most:
+        rows = [row for row in connection.execute(_TURNS) if row.oldest is not None and row.owner not in passed_over]
+        if not rows:
+            break
+        owner = min(rows, key=lambda row: (row.running, row.oldest)).owner
+        statement = _TAKE_OF_NOBODY if owner is None else _TAKE_OF_OWNER
+        job = connection.execute(statement, {"moment": moment, "until": until, "of": owner}).one_or_none()
+        if job is None:
+            passed_over.add(owner)
+        else:
+            claims.append(_claim(job))
     _say(connection, [claim.job_id for claim in claims], {"state": "running"})
     return claims
 
@@ -167,6 +214,15 @@ def bury(session: Session, row: Row[object], most: int, reason: str, *, deaths: 
     else:
         detail = f"The job was given up after {times} attempts: the last time {reason}."
         end(session, row.id, "failed", make_problem(500, detail, title="Job given up"))
+
+
+def cancel_all(connection: Connection, resources: Sequence[str], moment: datetime) -> None:
+    """Ask for the jobs of resources to be stopped; those that have not begun end at once, those that ended stay."""
+    ended = list(connection.execute(_CANCEL_QUEUED, {"resources": resources, "moment": moment}).scalars())
+    # What another service took meanwhile runs by now.
+    connection.execute(_CANCEL_RUNNING, {"resources": resources})
+    connection.execute(_FORGET_ALL, {"jobs": ended})
+    _say(connection, ended, {"state": "cancelled"})
 
 
 def end(session: Session, job_id: str, state: State, problem: Problem | None = None) -> None:

@@ -9,7 +9,7 @@ from dynident.export import ExportedFile, ExportFormat
 from dynident.identification import Identification, from_bytes
 from dynident.identification.study.dependence import parameter_dependence
 from dynident.identification.study.essential import essential_parameters
-from dynident.recordings import RecordingError
+from dynident.recordings import RecordingError, open_recording
 from dynident.robot.collision import collision_meshes
 from dynident_service.adapters.answers import shown
 from dynident_service.adapters.designs import clearances_of
@@ -18,6 +18,7 @@ from dynident_service.adapters.identifications import describe_essential
 from dynident_service.adapters.imports import look_at
 from dynident_service.adapters.measurements import describe_recording, import_file, problem_with_file
 from dynident_service.adapters.meshes import chosen, geometry_with, mesh_folders
+from dynident_service.adapters.raw_signals import as_recorded, standstills, streamed, thinned
 from dynident_service.adapters.robots import base_parameters_of, describe_robot, robot_from_request, robot_of
 from dynident_service.models.common import plain
 from dynident_service.models.designs import DesignRequest
@@ -72,6 +73,30 @@ def look_at_file(
         return plain(look_at(Path(source), robot_of(robot), ImportMetadata.model_validate(metadata), sha256))
     except RecordingError as error:
         raise ProblemError.of(problem_with_file(error)) from error
+
+
+def write_raw_signals(
+    source: str,
+    destination: str,
+    robot: Mapping[str, object],
+    metadata: Mapping[str, object],
+    signals: list[str],
+    start: float | None,
+    end: float | None,
+    points: int | None,
+) -> None:
+    """Write signals of a file as JSON: those from `start` to `end` in s, all or about `points` of them."""
+    opened = as_recorded(Path(source), robot_of(robot), MeasurementMetadata.model_validate(metadata), signals)
+    with Path(destination).open("wb") as file:
+        if points is None:
+            file.writelines(streamed(opened, start, end))
+        else:
+            file.write(thinned(opened, points, start, end).model_dump_json().encode())
+
+
+def find_standstills(recording: str) -> dict[str, object]:
+    """Find when every joint of a stored recording stands."""
+    return plain(standstills(open_recording(Path(recording))))
 
 
 def clearances(

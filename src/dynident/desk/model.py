@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import overload
 
+from dynident.arrays import FloatArray
 from dynident.desk.choosing import Addition, added_effects, named_effects
 from dynident.desk.figure import Figure, check_folder, figure_of
 from dynident.desk.frames import Columns, Framed, columns_of
@@ -17,9 +18,11 @@ from dynident.desk.texts import text_table
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
+from dynident.export import PredictingModel, TorquePredictor
 from dynident.html import block, folded, listed, paragraph, table
 from dynident.identification import Identification, extend, remove, to_bytes
 from dynident.identification.study.gain import best_rung
+from dynident.identification.study.prediction import PredictedTorque, predict
 from dynident.progress import Progress, silent
 from dynident.reports.numbers import counted, number, percent
 from dynident.reports.words import place_text, rung_mark, shape_text, title_of
@@ -159,6 +162,33 @@ class Model:
                 "alone; read them and give them: model = model.with_data(recordings, validation)",
                 title="Recordings needed",
             )
+
+    def predict(self, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, level: float = 0.95) -> PredictedTorque:
+        """Predict torque along a motion, with its interval.
+
+        Parameters
+        ----------
+        q, dq, ddq : (m, n) arrays
+            Samples of one motion in the order of time: rad, rad/s, rad/s² (m, …). Hysteresis remembers the path.
+        level : float
+            Probability of the intervals.
+
+        Returns
+        -------
+        PredictedTorque
+            `torque` (m, n) in N m or N; `half_width` of the interval of what would be measured, `mean_half_width` of
+            that of the model's own torque.
+
+        Raises
+        ------
+        DynidentError
+            For arrays that do not fit, or effects that depend on more than the motion.
+        """
+        return predict(self.identification.estimate, q, dq, ddq, level=level)
+
+    def predictor(self) -> TorquePredictor:
+        """Return a predictor for a controller: `step(q, dq, ddq)` once a sample, `reset()` before a new motion."""
+        return PredictingModel.of(self.identification).predictor()
 
     def save(self, path: str | Path) -> None:
         """Write the model, with the models that led to it, to an .npz file; `load_model` reads it, and so do commands.

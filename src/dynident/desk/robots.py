@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -15,10 +14,9 @@ from dynident.errors import DynidentError
 from dynident.robot import Description, Drive, Limits, Robot, library_names, robot_from_description, robot_from_library
 from dynident.robot.json_fields import expect_mapping, expect_number, expect_numbers, expect_text, parse_json
 from dynident.robot.pointers import listed
+from dynident.robot.xml_text import root_element
 
 _TITLE = "Unusable robot"
-_NAMED = re.compile(r'<(?:robot\b[^>]*?\bname|mujoco\b[^>]*?\bmodel)="([^"<]+)"')
-_MJCF = re.compile(r"(?:\s|<\?[^>]*>|<!--.*?-->)*<mujoco\b", re.DOTALL)
 _FIELDS = ("name", "description", "limits", "drives", "locked_joints", "gravity", "base_parameters_tolerance")
 _CONTENT = "/description/content"
 _DRIVE = ("drive_gain", "gear_ratio", "torque_constant", "amplifier_gain", "coupling")
@@ -108,9 +106,10 @@ def _read(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
     place_of_content = _CONTENT
     try:
         if content.lstrip().startswith("<"):
-            named = _NAMED.search(content)
-            called = name or (named[1] if named else path.stem)
-            if _MJCF.match(content):
+            root = root_element(content)
+            is_mjcf = root is not None and root.tag == "mujoco"
+            called = name or ("" if root is None else root.attributes.get("model" if is_mjcf else "name")) or path.stem
+            if is_mjcf:
                 return robot_from_description(called, Description("mjcf", content), **stated)
             return robot_from_description(called, Description("urdf", expanded(path, content)), **stated)
         if not content.lstrip().startswith(("{", "[")):

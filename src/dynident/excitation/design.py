@@ -21,6 +21,7 @@ from dynident.excitation.sets.sequential import sequential
 from dynident.motion.limits.bounds import bounds_of
 from dynident.motion.limits.locked import locked_bounds, moving_joints
 from dynident.motion.moves.home import check_home, home_candidates
+from dynident.motion.surroundings.reach import reach_notes
 from dynident.motion.trajectories.motion import in_sequence
 from dynident.progress import Progress, ascending, silent
 from dynident.recordings import Recording
@@ -84,6 +85,7 @@ def design_experiment(
     progress(0.0, f"{model.n_parameters} base parameters")
     made = joint_by_joint(task) if request.kind in JOINT_BY_JOINT else _moving_together(task, budget)
     motion = in_sequence(made.pieces, task.rate)
+    reach = reach_notes(robot, motion.t, motion.q, request.surroundings)
     progress(1.0, "done")
     return Design(
         joint_names=robot.joint_names,
@@ -98,7 +100,7 @@ def design_experiment(
         criterion_values=made.valued.values,
         baseline=made.baseline,
         margins=made.margins,
-        notes=(*made.notes, *notes, *model.notes, *limits.notes),
+        notes=(*made.notes, *notes, *model.notes, *limits.notes, *reach),
         expected=made.valued.expected,
         runs=made.runs,
     )

@@ -10,10 +10,11 @@ if TYPE_CHECKING:
     from dynident.export.c_code import to_c
     from dynident.export.casadi_function import to_casadi
     from dynident.export.completion import Completion, complete
-    from dynident.export.document import PredictingModel, model_document, model_from_json, to_json
+    from dynident.export.document import model_document, model_from_json, to_json
     from dynident.export.export import export_model
     from dynident.export.exported import ExportedFile
     from dynident.export.mjcf import to_mjcf
+    from dynident.export.predicting_model import PredictingModel, TorquePredictor
     from dynident.export.stated import ExportChoices, ExportFormat
     from dynident.export.urdf import to_urdf
     from dynident.regressors.further_signals import FurtherSignals
@@ -25,6 +26,7 @@ __all__ = [
     "ExportedFile",
     "FurtherSignals",
     "PredictingModel",
+    "TorquePredictor",
     "complete",
     "export_model",
     "model_document",

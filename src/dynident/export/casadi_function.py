@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from pathlib import Path
 
@@ -16,8 +17,8 @@ def to_casadi(identification: Identification) -> ca.Function:
 
     Its inputs are column vectors, called by name: q, dq, ddq (rad, rad/s, rad/s²; m for prismatic joints), and where an
     effect needs them dddq, ddddq, time (s), period (s), temperature (°C), z and q_before, runs. Its output is tau
-    (n, 1) in N m or N; a model with hysteresis also gives z_next, which is z of the next sample. Joints stand in the
-    robot's order.
+    (n, 1) in N m or N; a model with hysteresis also gives z_next, which is z of the next sample. Without z or q_before
+    (z = 0 and q_before = q at the start of a motion) its torque is not a number. Joints stand in the robot's order.
     """
     return function_of(torque_formula(identification.estimate))
 
@@ -29,7 +30,10 @@ def function_of(formula: TorqueFormula) -> ca.Function:
         outputs.append(formula.z_next)
         names.append("z_next")
     symbols = [argument.symbol for argument in formula.arguments]
-    return ca.Function("inverse_dynamics", symbols, ca.cse(outputs), list(formula.names), names)
+    # CasADi takes what is not given as its default. That is 0 by itself, which would lose the hysteresis unseen.
+    defaults = [math.nan if name in ("z", "q_before") else 0.0 for name in formula.names]
+    options = {"default_in": defaults}
+    return ca.Function("inverse_dynamics", symbols, ca.cse(outputs), list(formula.names), names, options)
 
 
 def casadi_bytes(identification: Identification) -> bytes:

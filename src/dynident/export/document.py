@@ -5,65 +5,26 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice, ReferenceParameters
-from dynident.effects.memory import MemoryStates
 from dynident.errors import DynidentError
 from dynident.export.completion import complete
 from dynident.export.document_fields import ModelDocument
 from dynident.export.formula import torque_formula
+from dynident.export.predicting_model import PredictingModel
 from dynident.identification import Identification
 from dynident.regressors.base_parameters import BaseParameters
-from dynident.regressors.further_signals import NOTHING_FURTHER, FurtherSignals
-from dynident.regressors.model import Model, build_model
-from dynident.regressors.observation import Observation
+from dynident.regressors.model import build_model
 from dynident.robot.document import robot_document, robot_from_document
 from dynident.robot.json_fields import parse_json
-from dynident.robot.model import INERTIAL_NAMES, Robot
+from dynident.robot.model import INERTIAL_NAMES
 from dynident.version import __version__
 
 FORMAT = "dynident model 1"
 TITLE = "Unreadable model"
-
-
-@dataclass(frozen=True, eq=False)
-class PredictingModel:
-    """A model that was read: a robot, effects, base parameters `values` (b,), and `reference` for predicted loads."""
-
-    model: Model
-    values: FloatArray
-    reference: ReferenceParameters
-
-    @property
-    def robot(self) -> Robot:
-        """The robot."""
-        return self.model.robot
-
-    @property
-    def observation(self) -> Observation:
-        """W for the base parameters."""
-        return self.model.observation
-
-    def torque(
-        self, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, further: FurtherSignals = NOTHING_FURTHER
-    ) -> FloatArray:
-        """W χ (m, n) of [12.4] along a motion: m samples of one run in the order of time.
-
-        Parameters
-        ----------
-        q, dq, ddq : (m, n)
-            rad, rad/s, … or m, m/s, …
-        further : FurtherSignals, optional
-            Higher derivatives, time, temperature, run; `torque_formula` says what a model needs.
-        """
-        states = MemoryStates(self.observation.memory).push(self.observation.robot.positions(q))
-        entries = self.observation.evaluate(q, dq, ddq, reference=self.reference, memory=states, further=further)
-        return self.observation.torque(entries, self.values)
 
 
 def model_document(identification: Identification) -> ModelDocument:

@@ -9,7 +9,9 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.effects import ReferenceParameters, Role, effect_by_id
+from dynident.errors import DynidentError
 from dynident.export.completion import Completion, complete
+from dynident.export.projection import Cost, choices_held, is_free, project
 from dynident.export.summary import effect_line
 from dynident.identification import Identification
 from dynident.robot.model import Robot
@@ -34,10 +36,12 @@ class ExportedFile:
 class Links:
     """Feasible links and joints of an identified model, as formats of links and joints take them.
 
+    `projected` is the model of those of its effects that the format can hold, which `standard` are the parameters of;
     `held` are the roles of the parameters that the format has words for.
     """
 
     identification: Identification
+    projected: Identification
     standard: Completion
     held: tuple[Role, ...]
 
@@ -45,9 +49,15 @@ class Links:
     def of(
         cls, identification: Identification, held: tuple[Role, ...], *, nearest: bool, rotors_in_links: bool = False
     ) -> Links:
-        """Those of a model; raises as `complete` does."""
-        found = complete(identification, nearest=nearest, rotors_in_links=rotors_in_links)
-        return cls(identification, found, held)
+        """Those of a model; raises as `complete` does, unless bodies that can exist predict as well."""
+        projected = project(identification, held)
+        try:
+            standard = complete(projected, rotors_in_links=rotors_in_links)
+        except DynidentError:
+            standard = complete(projected, nearest=True, rotors_in_links=rotors_in_links)
+            if not nearest and not is_free(projected, standard.values):
+                raise
+        return cls(identification, projected, standard, held)
 
     @property
     def robot(self) -> Robot:
@@ -57,12 +67,16 @@ class Links:
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """What a user must know: parameters that were changed, effects that are left out, rounded geometry."""
+        kept = choices_held(self.identification, self.held)
         left_out = [
             f"{effect_by_id(choice.effect).title} is not in this file, which has no word for it: {effect_line(choice)}."
             for choice in self.identification.choices.effects
-            if choice.runs or not effect_by_id(choice.effect).held_in(self.held)
+            if choice not in kept
         ]
-        notes = [*self.standard.notes, *left_out]
+        if left_out:
+            left_out.append("What the file can hold was fitted to the data again without them.")
+        cost = Cost.of(self.identification, self.projected, self.standard.values)
+        notes = [*cost.notes(), *self.standard.notes, *left_out]
         if self.rounding > SMALL:
             notes.append(
                 "Right angles that are rounded in the description let the torque of the links differ by "
@@ -73,7 +87,7 @@ class Links:
     @cached_property
     def rounding(self) -> float:
         """Largest difference of the links' and rotors' torque from that of the base parameters, over its size."""
-        model = self.identification.model
+        model = self.projected.model
         observation, robot = model.observation, model.robot
         rng = np.random.default_rng(0)
         q, dq, ddq = (rng.uniform(-size, size, (_STATES, robot.n)) for size in (1.0, 1.0, 3.0))

@@ -147,7 +147,7 @@ def _motors(links: Links) -> Element:
 def _springs(links: Links) -> dict[str, tuple[float, float]]:
     """Stiffness and position of rest of the joints that have a spring."""
     found: dict[str, dict[Role | None, float]] = {}
-    for column, value in zip(links.identification.model.kept, links.standard.values, strict=True):
+    for column, value in zip(links.projected.model.kept, links.standard.values, strict=True):
         role = role_of(column)
         if role in ("stiffness", "at_zero") and not column.runs:
             found.setdefault(column.link, {})[role] = float(value)

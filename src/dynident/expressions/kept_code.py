@@ -24,7 +24,7 @@ _DIGEST = sha256().digest_size
 
 def kept(text: str, compiled: Callable[[], bytes]) -> bytes:
     """Give the code of a text: that which is kept, or `compiled` now and kept from now on."""
-    folder = _folder(os.environ.get(SETTING))
+    folder = code_folder()
     if folder is None:
         return compiled()
     path = folder / sha256(text.encode()).hexdigest()
@@ -35,6 +35,11 @@ def kept(text: str, compiled: Callable[[], bytes]) -> bytes:
             _write(path, code)
             _tidied(folder)
     return code
+
+
+def code_folder() -> Path | None:
+    """Give the folder in which machine code is kept; None where none is."""
+    return _folder(os.environ.get(SETTING))
 
 
 def _read(path: Path) -> bytes | None:

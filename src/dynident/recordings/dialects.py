@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -56,7 +57,7 @@ def csv_dialect(path: Path) -> Dialect:
         return Dialect(delimiter, "," if comma else ".", names, header)
     delimiter = _most(text)
     names = tuple(name.strip().strip('"').strip() for name in text.split(delimiter))
-    repeated = {name for name in names if name and names.count(name) > 1}
+    repeated = {name for name, count in Counter(names).items() if name and count > 1}
     if repeated:
         raise RecordingError(f"Column {min(repeated)} stands more than once in the file.", pointer=min(repeated))
     units = _units(lines, header + 1, delimiter, names)

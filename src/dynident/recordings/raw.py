@@ -11,10 +11,8 @@ import pyarrow as pa
 from dynident.arrays import FloatArray, IntArray
 from dynident.recordings.arrow import to_floats
 from dynident.recordings.columns import Layout
+from dynident.recordings.file_limits import TITLE, check_columns
 from dynident.recordings.types import RecordingError
-
-BATCH_ROWS = 32768
-
 
 class RawRows(NamedTuple):
     """Rows of the file in SI: first_row counts data rows from 0; t (m,), segment (m,), values (m, c) by kinds."""
@@ -44,6 +42,9 @@ class FileSource:
     """First rows that are enough of a sample to tell the columns, and are read in a moment."""
 
     def __init__(self, names: Sequence[str], units: Mapping[str, str] | None = None) -> None:
+        check_columns(len(names))
+        for name in names:
+            _check_name(name)
         self.names = list(names)
         self.units = dict(units or {})
 
@@ -84,6 +85,14 @@ class FileSource:
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         raise NotImplementedError
+
+
+def _check_name(name: str) -> None:
+    try:
+        name.encode()
+    except UnicodeEncodeError as error:
+        detail = f"The name {ascii(name)} of a column is no Unicode text; rename it."
+        raise RecordingError(detail, title=TITLE) from error
 
 
 def floats_of(batch: pa.RecordBatch, name: str, first_row: int) -> FloatArray:

@@ -167,7 +167,7 @@ def _cells(line: str) -> tuple[str, ...]:
         if separator in line.strip("|"):
             return tuple(cell.strip() for cell in line.strip().strip("|").split(separator))
     # Signs between spaces belong to the cell: q2 - pi/2.
-    joined = re.sub(r"\s*([+*/-])\s+", r"\1", line)
+    joined = re.sub(r" ?([+*/-]) ", r"\1", " ".join(line.split()))
     return tuple(joined.split())
 
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import math
 import re
+import reprlib
 from collections.abc import Iterable, Mapping
 
 from dynident.errors import DynidentError
-from dynident.robot.pointers import listed, pointer
+from dynident.robot.pointers import check_unicode, listed, pointer
 
-_NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+DEEPEST = 64
+"""Lists and objects inside each other; a table of a robot with loops has six."""
+_NUMBER = r"(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _EXPRESSION = re.compile(rf"([+-]?)\s*(?:({_NUMBER})\s*\*\s*)?(pi|π)\s*(?:/\s*({_NUMBER}))?")
 
 
@@ -18,12 +21,37 @@ def parse_json(text: str, at: str, title: str) -> object:
     """Return the value of a JSON text; `DynidentError` names line and column."""
     try:
         value: object = json.loads(text)
-        return value
     except json.JSONDecodeError as error:
         detail = f"line {error.lineno}: The JSON is malformed at column {error.colno}: {error.msg}."
+        raise DynidentError(detail, pointer=at, title=title) from None
     except RecursionError:
-        detail = "The JSON is nested too deeply."
-    raise DynidentError(detail, pointer=at, title=title)
+        raise _too_deep(at, title) from None
+    except ValueError as error:  # a number of thousands of digits
+        raise DynidentError(f"The JSON cannot be read: {error}.", pointer=at, title=title) from None
+    _check_value(value, at, title)
+    return value
+
+
+def _check_value(value: object, at: str, title: str) -> None:
+    """Refuse a value that is nested deeper than any description, or whose texts are not Unicode."""
+    level: list[object] = [value]
+    for _ in range(DEEPEST):
+        below: list[object] = []
+        for item in level:
+            if isinstance(item, str):
+                check_unicode(item, at, title)
+            elif isinstance(item, dict):
+                below += [*item.keys(), *item.values()]
+            elif isinstance(item, list):
+                below += item
+        level = below
+    if level:
+        raise _too_deep(at, title)
+
+
+def _too_deep(at: str, title: str) -> DynidentError:
+    detail = f"The JSON is nested too deeply; at most {DEEPEST} levels are read."
+    return DynidentError(detail, pointer=at, title=title)
 
 
 def expect_mapping(value: object, allowed: Iterable[str], at: str, title: str) -> Mapping[str, object]:
@@ -53,7 +81,7 @@ def expect_number(value: object, at: str, title: str) -> float:
     elif isinstance(value, str):
         number = _evaluated(value.strip())
     if not math.isfinite(number):
-        detail = f'{value!r} is not a number; expected one such as 0.5, "pi/2" or "-3*pi/4".'
+        detail = f'{reprlib.repr(value)} is not a number; expected one such as 0.5, "pi/2" or "-3*pi/4".'
         raise DynidentError(detail, pointer=at, title=title)
     return number
 

@@ -5,41 +5,40 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
-import coal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from dynident.arrays import FloatArray
+from dynident.robot.mesh_readers import read_triangles
 from dynident.robot.shapes import Block, Hull, capsule_around
 from dynident.robot.surfaces import Surface
 
 _MOST_SLICES = 3
 _WORTH_SLICING = 0.95
 """A finer slicing must bring the volume of the capsules around the slices down to this share."""
+_LARGEST = 1e6
+"""m: no machine is that large; squares and cubes of such lengths are numbers still."""
 _THIN = 1e-4
 """m: what is thinner is flat."""
 
 
 def surface_of_mesh(file: Path, scale: FloatArray, placement: FloatArray) -> Surface:
-    """A mesh as it is, scaled (3,) and placed by `placement` (4, 4).
+    """A mesh as it is, scaled (3,) and placed by `placement` (4, 4): STL, OBJ, PLY or DAE, by the ending of its name.
+
+    Nothing but the file is read, whatever it names.
 
     Raises
     ------
     ValueError
         The file cannot be read as a mesh.
     """
-    try:
-        model = coal.MeshLoader().load(str(file), scale)
-    except (ValueError, RuntimeError, OSError) as error:
-        raise ValueError(str(error).strip().splitlines()[0] if str(error).strip() else "unreadable") from None
-    points = np.array(model.vertices(), dtype=np.float64).reshape(-1, 3)
-    corners = [(face[0], face[1], face[2]) for face in map(model.tri_indices, range(model.num_tris))]
-    if not len(points) or not corners:
-        raise ValueError("it has no triangles")
-    if not np.isfinite(points).all():
-        raise ValueError("it has corners that are no numbers")
-    return Surface(points @ placement[:3, :3].T + placement[:3, 3], np.array(corners, dtype=np.intp))
+    points, triangles = read_triangles(file)
+    with np.errstate(over="ignore", invalid="ignore"):  # what comes of too large numbers is refused below
+        points = (points * scale) @ placement[:3, :3].T + placement[:3, 3]
+    if not (np.abs(points) <= _LARGEST).all():
+        raise ValueError(f"it has corners that are no numbers, or more than {_LARGEST:g} m away")
+    return Surface(points, triangles)
 
 
 def hulls_of(surface: Surface) -> tuple[Hull | Block, ...]:

@@ -18,7 +18,7 @@ from dynident.robot.loops import CLOSED
 from dynident.robot.mjcf_equality import Held, held_by
 from dynident.robot.mjcf_xml import TITLE, mjcf_error, parse_mjcf
 from dynident.robot.model import Description, Robot
-from dynident.robot.pinocchio_model import DescribedJoints, from_pinocchio, locked
+from dynident.robot.pinocchio_model import LARGEST, DescribedJoints, from_pinocchio, locked
 from dynident.robot.pointers import listed
 from dynident.robot.settings import settings_from
 from dynident.robot.stated import Drive, Limits
@@ -29,6 +29,11 @@ if TYPE_CHECKING:
 
 _RESERVED = ("universe", "base")
 _LENGTH_FREE = 1e-12
+_NUMBERS = (
+    *("body_pos", "body_quat", "body_mass", "body_ipos", "body_iquat", "body_inertia"),
+    *("jnt_pos", "jnt_axis", "qpos0", "site_pos", "site_quat"),
+)
+"""What a robot is made of, as MuJoCo names it."""
 
 
 def robot_from_mjcf(
@@ -91,10 +96,17 @@ def _compiled(root: Element, pointer: str) -> mujoco.MjModel:
         detail = f"MJCF files are read by MuJoCo, which is not installed; {install_hint('mujoco')}"
         raise DynidentError(detail, pointer=pointer, title=TITLE) from error
     try:
-        return mujoco.MjModel.from_xml_string(write_in_place(root))
+        compiled = mujoco.MjModel.from_xml_string(write_in_place(root))
     except ValueError as error:
         detail = " ".join(str(error).split())
         raise mjcf_error(f"MuJoCo does not take the model: {detail}", None, pointer) from error
+    for name in _NUMBERS:
+        values = getattr(compiled, name)
+        # Not a number is not below it either.
+        if not (np.abs(values) <= LARGEST).all():
+            detail = f"MuJoCo makes {values.ravel()[np.argmin(np.abs(values.ravel()) <= LARGEST)]:g} of a number"
+            raise mjcf_error(f"{detail} ({name}); lengths, masses and inertias are in m, kg and kg m².", None, pointer)
+    return compiled
 
 
 def _tree(compiled: mujoco.MjModel, name: str, pointer: str) -> tuple[pin.Model, dict[str, str]]:

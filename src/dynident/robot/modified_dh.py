@@ -44,6 +44,7 @@ from __future__ import annotations
 
 import json
 import math
+import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -249,7 +250,7 @@ def _antecedent(value: object, above: Sequence[Row], at: str) -> int:
         return names.index(value)
     if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= len(above):
         return value - 1
-    detail = f'The antecedent {value!r} is not above this row; expected 0 or "base" for the base'
+    detail = f'The antecedent {reprlib.repr(value)} is not above this row; expected 0 or "base" for the base'
     detail += f", or a name or number of {listed(names)}." if names else "."
     raise DynidentError(detail, pointer=at, title=TITLE)
 

@@ -11,6 +11,7 @@ import pinocchio as pin
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.model import Description, Joint, JointKind, Robot
+from dynident.robot.pointers import check_name
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_axis, mend_placement
 from dynident.robot.settings import Settings, check_names, merged_limits
 from dynident.robot.stated import Drive, Limits
@@ -18,7 +19,7 @@ from dynident.robot.stated import Drive, Limits
 MOST_JOINTS = 100
 """Moving joints of a robot. A model of more takes gigabytes, and no machine that is identified as one has as many."""
 
-_LARGEST = 1e12
+LARGEST = 1e12
 """No machine is that large in m, kg or kg m²; beyond it rounding errors are."""
 
 _FROM_DYNAMIC = [4, 5, 7, 6, 8, 9, 1, 2, 3, 0]
@@ -104,6 +105,8 @@ def from_pinocchio(
     if len(moving) > MOST_JOINTS:
         detail = f"The description has {len(moving)} moving joints; at most {MOST_JOINTS} are supported."
         raise DynidentError(detail, pointer=pointer, title="Unusable robot description")
+    for joint_name in (*moving, *described.links.values()):
+        check_name(joint_name, pointer, "Unusable robot description")
     check_names(settings, moving, described.fixed)
     model = locked(model, settings.locked_joints)
     joints = tuple(
@@ -116,7 +119,7 @@ def from_pinocchio(
     )
     inertias = inertial_parameters(np.array([body.toDynamicParameters() for body in tuple(model.inertias)[1:]]))
     for joint, inertial in zip(joints, inertias, strict=True):
-        if not (np.all(np.abs(joint.placement) <= _LARGEST) and np.all(np.abs(inertial) <= _LARGEST)):
+        if not (np.all(np.abs(joint.placement) <= LARGEST) and np.all(np.abs(inertial) <= LARGEST)):
             raise DynidentError(
                 f"Joint '{joint.name}': lengths or inertias are too large to compute with; expected m, kg and kg m².",
                 pointer=pointer,

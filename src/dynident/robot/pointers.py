@@ -1,8 +1,15 @@
-"""JSON pointers (RFC 6901) and lists of names for messages."""
+"""JSON pointers (RFC 6901), lists of names for messages, and texts that can be written down."""
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Iterable
+
+from dynident.errors import DynidentError
+
+
+_CONTROL = ("Cc", "Cs", "Zl", "Zp")
+"""Control characters, halves of characters, and separators of lines and paragraphs."""
 
 
 def pointer(*tokens: object, within: str = "") -> str:
@@ -14,3 +21,21 @@ def pointer(*tokens: object, within: str = "") -> str:
 def listed(names: Iterable[str]) -> str:
     """Names for a sentence: 'a, b, c', or 'none' where there are none."""
     return ", ".join(names) or "none"
+
+
+def check_unicode(text: str, at: str, title: str) -> None:
+    """Refuse a text with half of a character (a lone surrogate), which no file and no answer can hold."""
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        line = text.count("\n", 0, error.start) + 1
+        detail = f"line {line}: {ascii(text[error.start])} is half of a character; write the text as UTF-8."
+        raise DynidentError(detail, pointer=at, title=title) from None
+
+
+def check_name(name: str, at: str, title: str) -> None:
+    """Refuse a name with line breaks or other control characters: names stand in headers of tables and in messages."""
+    control = next((character for character in name if unicodedata.category(character) in _CONTROL), None)
+    if control is not None:
+        detail = f"The name {ascii(name[:80])} holds {ascii(control)}; names are of one line, without control characters."
+        raise DynidentError(detail, pointer=at, title=title)

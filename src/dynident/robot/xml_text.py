@@ -7,11 +7,15 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 
 from dynident.errors import DynidentError
+from dynident.robot.pointers import check_unicode
 
 MOST_ELEMENTS = 100_000
 """Elements of the whole text, looks included: a robot of 2000 links has about 50 000."""
 DEEPEST = 100
 """Elements inside each other; a URDF needs six."""
+
+
+_PART_BYTES = 2**16
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,7 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
         The text is not XML (with line and column), or it has more elements, or more inside each other, than any robot
         needs.
     """
+    check_unicode(text, pointer, title)
     first_line = 1 + text[: len(text) - len(text.lstrip())].count("\n")
     text = text.strip()
 
@@ -74,12 +79,33 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
     parser.EndElementHandler = end
     parser.StartDoctypeDeclHandler = doctype
     try:
-        parser.Parse(text.encode(errors="replace"), True)
+        parser.Parse(text.encode(), True)
     except expat.ExpatError as error:
         reason = expat.ErrorString(error.code)
         line = error.lineno + first_line - 1
         raise fail(f"The XML is malformed at column {error.offset + 1}: {reason}.", line) from None
     return document.children[0]
+
+
+def root_element(text: str) -> Element | None:
+    """The root element without its children; `None` where the text does not begin as XML."""
+    root: list[Element] = []
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        if not root:
+            root.append(Element(tag, attributes, parser.CurrentLineNumber))
+
+    parser = expat.ParserCreate("utf-8")
+    parser.StartElementHandler = start
+    content = text.strip().encode(errors="replace")
+    try:
+        for first in range(0, len(content), _PART_BYTES):
+            parser.Parse(content[first : first + _PART_BYTES], False)
+            if root:
+                break
+    except expat.ExpatError:
+        pass  # whoever reads the whole text says what is wrong with it
+    return root[0] if root else None
 
 
 def write(element: Element, indent: bool = False, depth: int = 0) -> str:

@@ -76,24 +76,27 @@ def storage(
     """Open what a service has stored, and a folder for what is read meanwhile; the database is brought up to date."""
     from dynident.errors import DynidentError
     from dynident_service.problems import ProblemError
-    from dynident_service.settings import Settings
+    from dynident_service.settings import load_settings
+    from dynident_service.storage.data_directory import prepare_data_directory, private_files
     from dynident_service.storage.database import Database
     from dynident_service.storage.migrate import migrate
     from dynident_service.storage.objects import ObjectStore
 
-    settings = Settings() if data_dir is None else Settings(data_dir=data_dir)
+    settings = load_settings() if data_dir is None else load_settings(data_dir=data_dir)
     if must_exist and not settings.database_url and not settings.data_dir.is_dir():
         detail = f"there is no folder {settings.data_dir}; say where the service keeps its data"
         raise DynidentError(detail, pointer="--data-dir")
-    database = Database(settings.database)
-    try:
-        if not as_it_is:
-            migrate(database)
-        yield database, ObjectStore(settings.objects, settings.cache_dir), settings.uploads_dir
-    except ProblemError as error:
-        raise DynidentError(error.problem.detail or "", title=error.problem.title) from error
-    finally:
-        database.close()
+    with private_files():
+        prepare_data_directory(settings.data_dir)
+        database = Database(settings.database)
+        try:
+            if not as_it_is:
+                migrate(database)
+            yield database, ObjectStore(settings.objects, settings.cache_dir), settings.uploads_dir
+        except ProblemError as error:
+            raise DynidentError(error.problem.detail or "", title=error.problem.title) from error
+        finally:
+            database.close()
 
 
 def _tell(done: str, amount: Amount) -> None:

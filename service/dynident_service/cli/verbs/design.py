@@ -86,6 +86,6 @@ def design(
     with inputs.read("design", beside.earlier or [], machine, reading, share=0.1) as read:
         found = design_experiment(machine, request, read.progress, read.recordings)
     tables.write_trajectory(found, out)
-    warn_of_unchecked(terminal.err(), found)
     described, written = lambda: describe_design(found), f"trajectory written to {out}"
     telling.say(as_json, described, lambda console: show_design(console, found), written)
+    warn_of_unchecked(terminal.err(), found)

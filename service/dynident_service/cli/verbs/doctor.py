@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Annotated
 
 import typer
@@ -20,24 +21,34 @@ def doctor(
         False
     ),
 ) -> None:
-    """Look through all that the service has stored: what is missing, damaged, or kept for nobody.
+    """Look through all that the service has stored: what is missing, damaged, cannot be read, or kept for nobody.
 
-    May run beside the service. Ends with 1 where anything is wrong that is not put right.
+    Every robot, recording, model and other result is read as the service reads it. May run beside the service. Ends
+    with 1 where anything is wrong that is not put right.
     """
+    from dynident_service.jobs.stored_files import StoredFilesReader
     from dynident_service.storage import doctor as examination
     from dynident_service.storage.migrate import migrate
 
-    wrong = 0
-    with storage(data_dir, must_exist=True, as_it_is=True) as (database, objects, _):
+    wrong: Counter[examination.Trouble] = Counter()
+    with (
+        storage(data_dir, must_exist=True, as_it_is=True) as (database, objects, _),
+        StoredFilesReader(objects) as reader,
+    ):
         if not any(examination.examine_database(database)):
             migrate(database)
-        for finding in examination.examine(database, objects, by_hash=not quick):
+        problem_of = None if quick else reader.problem_of
+        for finding in examination.examine(database, objects, by_hash=not quick, problem_of=problem_of):
             mended = repair and finding.is_curable
             if mended:
                 examination.repair(database, objects, finding)
-            wrong += not mended
+            else:
+                wrong[finding.trouble] += 1
             owners = f"; needed by {', '.join(finding.owners)}" if finding.owners else ""
             typer.echo(f"{finding.trouble}: {finding.what}: {finding.detail}{owners}{' (put right)' if mended else ''}")
-    typer.echo("all is well" if not wrong else f"{wrong} found; files that are missing or damaged: upload them again")
-    if wrong:
-        raise typer.Exit(UNSOUND)
+    if not wrong:
+        typer.echo("all is well")
+        return
+    for trouble, number in wrong.items():
+        typer.echo(f"{number} {trouble}: {examination.REMEDIES[trouble]}")
+    raise typer.Exit(UNSOUND)

@@ -22,19 +22,8 @@ def serve(
 
     Every setting is also an environment variable, DYNIDENT_HOST, DYNIDENT_PORT and so on.
     """
-    from pydantic import ValidationError
-
-    from dynident.errors import DynidentError
     from dynident_service.serve import serve as run
-    from dynident_service.settings import Settings
+    from dynident_service.settings import load_settings
 
     given = {"host": host, "port": port, "data_dir": data_dir, "workers": workers}
-    try:
-        settings = Settings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
-    except ValidationError as error:
-        first = error.errors()[0]
-        name = "DYNIDENT_" + "_".join(str(item) for item in first["loc"]).upper()
-        raise DynidentError(
-            f"{first['msg']} (it is {first['input']!r})", pointer=name, title="Unusable setting"
-        ) from error
-    run(settings)
+    run(load_settings(**{name: value for name, value in given.items() if value is not None}))

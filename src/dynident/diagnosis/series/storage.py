@@ -48,7 +48,7 @@ def days_from_bytes(measure: Measure, content: bytes) -> tuple[Day, ...]:
     DynidentError
         Where this is no such file, or the days were reduced for another model.
     """
-    header = _header(content)
+    header = read_header(content)
     if header["measure"] != measure.digest:
         raise DynidentError(
             "these days were reduced for another model, or without the temperatures; begin anew",
@@ -81,12 +81,13 @@ def resumed(identification: Identification, content: bytes) -> tuple[Measure, tu
         Where this is no such file, or the days were reduced for another model.
     """
     measure = what_may_change(identification)
-    if _header(content)["measure"] != measure.digest:
+    if read_header(content)["measure"] != measure.digest:
         measure = what_may_change(identification, with_temperature=True)
     return measure, days_from_bytes(measure, content)
 
 
-def _header(content: bytes) -> dict[str, Any]:
+def read_header(content: bytes) -> dict[str, Any]:
+    """What a file of days says of itself; DynidentError where it is none that this version reads."""
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as file:
             header = json.loads(file["header"].tobytes())

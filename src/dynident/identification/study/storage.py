@@ -28,9 +28,11 @@ from dynident.estimation import (
 )
 from dynident.identification.choices import USUAL_SHARE, IdentificationChoices
 from dynident.identification.methods.bases import ESTIMATORS
+from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
 from dynident.identification.parameters.standard import StandardParameters
 from dynident.identification.shapes.shape_constants import ShapeConstant, shape_constants
 from dynident.identification.study.estimate import Estimate
+from dynident.identification.study.older_formats import NAME, PRESENT, check_determined_base, read_ladder
 from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Identification, LadderStep
 from dynident.kinds import document_of
@@ -40,7 +42,6 @@ from dynident.regressors.model import Model, build_model
 from dynident.robot import Robot
 from dynident.robot.document import robot_document, robot_from_document
 
-_FORMAT = "dynident identification 3"
 _APART = ("turning", "partial")
 _AT_REST = ("upper", "lower", "y", "weights")
 
@@ -54,7 +55,7 @@ def to_bytes(identification: Identification) -> bytes:
     ladder = list(identification.ladder())
     for number, model in enumerate(ladder):
         arrays |= {f"{number}/{name}": array for name, array in _arrays(model).items()}
-    arrays["header"] = _text({"format": _FORMAT, "rungs": len(ladder)})
+    arrays["header"] = _text({"format": f"{NAME} {PRESENT}", "rungs": len(ladder)})
     file = io.BytesIO()
     np.savez(file, **arrays)
     return file.getvalue()
@@ -138,15 +139,9 @@ def from_bytes(content: bytes) -> Identification:
 
 
 def _identification(content: bytes) -> Identification:
-    arrays = dict(np.load(io.BytesIO(content), allow_pickle=False))
-    header = json.loads(arrays["header"].tobytes())
-    if header["format"] != _FORMAT:
-        raise ValueError(header["format"])
     found: Identification | None = None
-    for number in range(int(header["rungs"])):
-        prefix = f"{number}/"
-        own = {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
-        found = _rung(own, found)
+    for arrays in read_ladder(content):
+        found = _rung(arrays, found)
     if found is None:
         raise ValueError("no model")
     return found
@@ -156,17 +151,12 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
     """One model on top of the one before it."""
     header = json.loads(arrays["header"].tobytes())
     choices = _choices(header["choices"])
-    base = BaseParameters(
-        names=tuple(header["base_names"]),
-        kept=tuple(arrays["base_kept"].tolist()),
-        grouping=arrays["base_grouping"],
-        written=arrays["base_written"],
-        without_effect=tuple(arrays["base_without_effect"].tolist()),
-        rank=int(header["base_rank"]),
-    )
+    base = _base(arrays, header)
     robot, signals = (robot_from_document(header["robot"]), None) if parent is None else _of(parent)
     model = build_model(robot, choices.effects, tolerance=choices.tolerance, signals=signals, base=base)
-    if tuple(column.name for column in model.columns) != base.names:
+    if base is None:
+        check_determined_base(model, arrays, smallest_inertia_eigenvalue(model, arrays["values"]))
+    elif tuple(column.name for column in model.columns) != base.names:
         raise ValueError("the catalogue has other columns for these effects")
     data = _data(arrays, header)
     estimate = Estimate.of(
@@ -188,6 +178,20 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
         worst_inertia_eigenvalue=float(header["worst_inertia_eigenvalue"]),
         warnings=tuple(header["warnings"]),
         step=_step(header, parent),
+    )
+
+
+def _base(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> BaseParameters | None:
+    """The base parameters that were stored; None where they are to be determined."""
+    if "base_kept" not in arrays:  # the first format
+        return None
+    return BaseParameters(
+        names=tuple(header["base_names"]),
+        kept=tuple(arrays["base_kept"].tolist()),
+        grouping=arrays["base_grouping"],
+        written=arrays["base_written"],
+        without_effect=tuple(arrays["base_without_effect"].tolist()),
+        rank=int(header["base_rank"]),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,8 @@ import pyarrow as pa
 
 from dynident.arrays import FloatArray
 from dynident.recordings.arrow import from_numbers
-from dynident.recordings.raw import BATCH_ROWS, FileSource
+from dynident.recordings.file_limits import TITLE, check_columns, rows_of_block
+from dynident.recordings.raw import FileSource
 from dynident.recordings.types import RecordingError
 
 FEWEST_ROWS = 8
@@ -42,14 +44,16 @@ class ArrayFileSource(FileSource):
 
     def __init__(self, arrays: Sequence[StoredArray]) -> None:
         self._places: dict[str, _Placed] = {}
-        arrays = [one for one in arrays if 1 <= len(one.shape) <= 2 and max(one.shape) >= FEWEST_ROWS]
+        arrays = [
+            one for one in arrays if 1 <= len(one.shape) <= 2 and min(one.shape) > 0 and max(one.shape) >= FEWEST_ROWS
+        ]
         if not arrays:
-            raise RecordingError("The file holds no arrays of numbers with rows.", title="Unreadable file")
+            raise RecordingError("The file holds no arrays of numbers with rows.", title=TITLE)
         self._length = _length(arrays)
         prefix = _prefix([one.name for one in arrays])
+        arrays = [one for one in arrays if self._length in one.shape]
+        check_columns(sum(math.prod(one.shape) // self._length for one in arrays))
         for one in arrays:
-            if self._length not in one.shape:
-                continue
             axis = one.shape.index(self._length)
             width = one.shape[1 - axis] if len(one.shape) == 2 else 1
             name = one.name[len(prefix) :] or "column"
@@ -60,18 +64,27 @@ class ArrayFileSource(FileSource):
         super().__init__(list(self._places))
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        for first in range(0, self._length, BATCH_ROWS):
-            last = min(first + BATCH_ROWS, self._length)
+        step = rows_of_block(len(self._places))
+        for first in range(0, self._length, step):
+            last = min(first + step, self._length)
             read: dict[int, FloatArray] = {}
             values = []
             for column in columns:
                 place = self._places[column]
                 whole = read.get(id(place.stored))
                 if whole is None:
-                    whole = place.stored.read(first, last, place.axis).reshape(last - first, -1)
-                    read[id(place.stored)] = whole
+                    whole = read[id(place.stored)] = _rows(place, first, last)
                 values.append(from_numbers(np.asarray(whole[:, place.index], dtype=np.float64)))
             yield pa.RecordBatch.from_arrays(values, names=columns)
+
+
+def _rows(place: _Placed, first: int, last: int) -> FloatArray:
+    try:
+        return place.stored.read(first, last, place.axis).reshape(last - first, -1)
+    except (OSError, RuntimeError, TypeError, ValueError, ArithmeticError) as error:
+        raise RecordingError(
+            f"{place.stored.name} cannot be read from row {first + 1} on: {error}", pointer=place.stored.name, title=TITLE
+        ) from error
 
 
 def _length(arrays: Sequence[StoredArray]) -> int:

@@ -11,12 +11,14 @@ import pyarrow as pa
 
 from dynident.arrays import FloatArray
 from dynident.recordings.arrow import from_numbers
+from dynident.recordings.file_limits import BLOCK_VALUES, TITLE, check_columns, rows_of_block
 from dynident.recordings.formats.messages import Samples, samples_of
 from dynident.recordings.raw import FileSource
 from dynident.recordings.types import RecordingError
 
 BLOCK_SAMPLES = 8192
 _LOOKED_AT = 20_001
+_LOOKED_AT_VALUES = 2 * BLOCK_VALUES
 _LONGEST_STEP = 10.0
 """Usual steps of a topic beyond which it is not read between its samples."""
 
@@ -38,6 +40,7 @@ class BagSource(FileSource):
         self._topics, self._main, self._start, self._steps = self._look()
         columns = [f"{topic}/{field}" for topic, fields in self._topics.items() for field in fields]
         super().__init__(["t", *columns])
+        self._block_samples = min(BLOCK_SAMPLES, rows_of_block(len(columns)))
 
     def _look(self) -> tuple[dict[str, tuple[str, ...]], str, float, dict[str, float]]:
         """Find topics, their columns, the topic that gives the rows, the time of the first sample, and usual steps."""
@@ -45,9 +48,12 @@ class BagSource(FileSource):
         parts: dict[str, list[FloatArray]] = {}
         stream = samples_of(self._path, self._format)
         seen: list[Samples] = []
-        while sum(len(samples.times) for samples in seen) < _LOOKED_AT and (samples := next(stream, None)):
+        rows = values = 0
+        while rows < _LOOKED_AT and values < _LOOKED_AT_VALUES and (samples := next(stream, None)):
             seen.append(samples)
+            rows, values = rows + len(samples.times), values + samples.values.size
             fields.setdefault(samples.topic, {}).update(dict.fromkeys(samples.names))
+            check_columns(sum(map(len, fields.values())))
             parts.setdefault(samples.topic, []).append(samples.times)
         times = {topic: np.concatenate(stamps) for topic, stamps in parts.items()}
         self._ahead = chain(seen, stream)
@@ -55,7 +61,7 @@ class BagSource(FileSource):
             raise RecordingError(
                 "The bag holds no joint states: messages of sensor_msgs/JointState are needed, with position and "
                 "effort.",
-                title="Unreadable file",
+                title=TITLE,
             )
 
         def worth(topic: str) -> tuple[bool, int]:
@@ -77,7 +83,7 @@ class BagSource(FileSource):
             if one is None:
                 continue
             one.add(samples, self._start)
-            if len(main) >= BLOCK_SAMPLES and one is main:
+            if len(main) >= self._block_samples and one is main:
                 yield from self._joined(series, columns, last=False)
         yield from self._joined(series, columns, last=True)
 
@@ -85,7 +91,7 @@ class BagSource(FileSource):
         """Give the rows that every topic has reached, and forget them."""
         main = series[self._main]
         until = np.inf if last else min(one.latest for one in series.values() if len(one))
-        stalled = len(main) >= 8 * BLOCK_SAMPLES  # a topic that has fallen silent is not waited for
+        stalled = len(main) >= 8 * self._block_samples  # a topic that has fallen silent is not waited for
         stamps, rows = main.taken(np.inf if stalled else until)
         if not len(stamps):
             return

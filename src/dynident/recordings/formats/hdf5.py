@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,35 +11,103 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.recordings.formats.arrays import ArrayFileSource, StoredArray
+from dynident.recordings.formats.hdf5_storage import check_storage
+from dynident.recordings.file_limits import DEEPEST, MOST_OBJECTS, TITLE, check_columns, check_unpacked
 from dynident.recordings.types import RecordingError
+
+_NUMBERS = "fiub"
+_BROKEN = (OSError, RuntimeError, TypeError, ValueError, KeyError, NotImplementedError)
+"""What h5py raises of files that are damaged, or hold types that NumPy has not."""
 
 
 def hdf5_source(path: Path) -> ArrayFileSource:
     """Open an HDF5 file; its data sets, in groups or not, are read in parts.
 
+    Nothing outside of the file is read: data sets that keep their numbers in other files, and links to other files,
+    are refused.
+
     Raises
     ------
     RecordingError
-        For a file that cannot be read.
+        For a file that cannot be read, or a data set that is not plain data in this file (its name, and what to do).
     """
     import h5py
 
-    found: list[StoredArray] = []
     try:
         file = h5py.File(path, "r")
+        datasets = dict(_datasets(file))
+        check_columns(len(datasets))
+        size = path.stat().st_size
+        check_unpacked(sum(math.prod(item.shape) * item.dtype.itemsize for item in datasets.values()), size)
+        arrays: list[StoredArray] = []
+        for name, item in datasets.items():
+            check_storage(name, item, size)
+            arrays += _arrays(name, item)
+    except RecordingError:
+        raise
+    except _BROKEN as error:
+        raise RecordingError(f"The file cannot be read as HDF5: {error}", title=TITLE) from error
+    return ArrayFileSource(arrays)
 
-        def keep(name: str, item: Any) -> None:
-            if not isinstance(item, h5py.Dataset) or name.startswith("#"):
-                return
-            if item.dtype.names and item.ndim == 1:
-                found.extend(_field(name, field, item) for field in item.dtype.names)
-            elif item.dtype.kind in "fiub":
-                found.append(_whole(name, item))
 
-        file.visititems(keep)
-    except OSError as error:
-        raise RecordingError(f"The file cannot be read as HDF5: {error}", title="Unreadable file") from error
-    return ArrayFileSource(found)
+def _datasets(file: Any) -> Iterator[tuple[str, Any]]:
+    """The data sets of numbers, or of records with some, by their paths; each object counts once."""
+    import h5py
+
+    waiting: list[tuple[str, int, Any]] = [("", 0, file)]
+    seen: set[int] = set()
+    while waiting:
+        prefix, depth, group = waiting.pop()
+        for key in group:
+            # A name that is no UTF-8 comes as bytes.
+            name = prefix + (key if isinstance(key, str) else key.decode(errors="replace"))
+            link = group.get(key, getlink=True)
+            if isinstance(link, h5py.ExternalLink):
+                raise RecordingError(
+                    f"{name} is a link to another file ({link.filename!r}); write its data into this file "
+                    "(h5copy, or h5repack after h5py's copy).",
+                    pointer=name,
+                    title="Data in another file",
+                )
+            if not isinstance(link, h5py.HardLink) or name.startswith("#"):
+                continue  # a soft link names what stands elsewhere in the file, and is met there
+            kind, address = _kind_and_address(group, key)
+            if address in seen:
+                continue
+            seen.add(address)
+            if len(seen) > MOST_OBJECTS or depth > DEEPEST:
+                raise RecordingError(
+                    f"The file has more than {MOST_OBJECTS} groups and data sets, or groups more than {DEEPEST} deep; "
+                    "export the signals of the joints alone.",
+                    title=TITLE,
+                )
+            if kind == h5py.h5o.TYPE_GROUP:
+                waiting.append((f"{name}/", depth + 1, group[key]))
+            elif kind == h5py.h5o.TYPE_DATASET and _has_numbers(item := group[key]):
+                yield name, item
+
+
+def _kind_and_address(group: Any, key: str) -> tuple[int, int]:
+    import h5py
+
+    info = h5py.h5o.get_info(group.id, group._e(key))
+    return info.type, info.addr
+
+
+def _has_numbers(item: Any) -> bool:
+    if item.shape is None:  # an empty data space
+        return False
+    if item.dtype.names:
+        return item.ndim == 1 and any(item.dtype[field].base.kind in _NUMBERS for field in item.dtype.names)
+    return item.dtype.kind in _NUMBERS
+
+
+def _arrays(name: str, item: Any) -> list[StoredArray]:
+    if not item.dtype.names:
+        return [_whole(name, item)]
+    # Texts and nested records of a table are no signals.
+    fields = [field for field in item.dtype.names if item.dtype[field].base.kind in _NUMBERS]
+    return [_field(name, field, item) for field in fields]
 
 
 def _whole(name: str, item: Any) -> StoredArray:
@@ -55,7 +125,10 @@ def _whole(name: str, item: Any) -> StoredArray:
 
 
 def _field(name: str, field: str, item: Any) -> StoredArray:
-    def read(first: int, last: int, axis: int) -> FloatArray:
-        return np.asarray(item[first:last][field], dtype=np.float64)
+    inner = item.dtype[field].shape
 
-    return StoredArray(f"{name}.{field}", tuple(item.shape), read)
+    def read(first: int, last: int, axis: int) -> FloatArray:
+        fields = item.fields(field)
+        return np.asarray(fields[first:last] if axis == 0 else fields[:][:, first:last].T, dtype=np.float64)
+
+    return StoredArray(f"{name}.{field}", (*item.shape, *inner), read)

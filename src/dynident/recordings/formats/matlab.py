@@ -6,8 +6,9 @@ where their numbers lie ("MAT-File Format", The MathWorks, chapter 1).
 
 from __future__ import annotations
 
+import math
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -15,7 +16,8 @@ from typing import IO
 import numpy as np
 
 from dynident.recordings.formats.arrays import ArrayFileSource, StoredArray
-from dynident.recordings.formats.stored import Place, unpacked
+from dynident.recordings.file_limits import DEEPEST, TITLE, check_columns, check_unpacked
+from dynident.recordings.formats.stored import Place, UnpackedFile
 from dynident.recordings.types import RecordingError
 
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -24,6 +26,7 @@ _MATRIX, _COMPRESSED = 14, 15
 _STRUCTURE, _NUMERIC, _COMPLEX = 2, range(6, 16), 0x800
 """Classes of a matrix: cells, objects, text and sparse ones are neither."""
 _HEADER = 128
+_READ_BYTES = 2**16
 
 
 @dataclass(frozen=True)
@@ -46,8 +49,10 @@ def matlab_source(path: Path) -> ArrayFileSource:
     """
     try:
         return ArrayFileSource(list(_arrays(path.open("rb"))))
+    except RecordingError:
+        raise
     except (ValueError, OSError, zlib.error) as error:
-        raise RecordingError(f"The file cannot be read as MAT: {error}", title="Unreadable file") from error
+        raise RecordingError(f"The file cannot be read as MAT: {error}", title=TITLE) from error
 
 
 def _arrays(file: IO[bytes]) -> Iterator[StoredArray]:
@@ -56,37 +61,63 @@ def _arrays(file: IO[bytes]) -> Iterator[StoredArray]:
     order = {b"IM": "<", b"MI": ">"}.get(file.read(2))
     if order is None:
         raise ValueError("its header does not say the order of bytes")
-    at = _HEADER
+    reader = _Reader(file, order, size)
+    elements = list(_variables(reader, size))
+    sizes = {element.start: _unpacked_size(file, element, order) for element in elements if element.code == _COMPRESSED}
+    check_unpacked(sum(sizes.values()), size)
+    unpacked = UnpackedFile(sum(sizes.values())) if sizes else None
+    for element in elements:
+        if element.start not in sizes or unpacked is None:
+            yield from reader.matrix(element)
+            continue
+        start, end = unpacked.append(_inflated(file, element), sizes[element.start])
+        inner = _Reader(unpacked.file, order, end)
+        yield from inner.matrix(inner.element(start))
+
+
+def _variables(reader: _Reader, size: int) -> Iterator[_Element]:
+    """What lies in the file, one behind another."""
+    at, number = _HEADER, 0
     while at + 8 <= size:
-        element = _Reader(file, order, size).element(at)
-        if element.code == _COMPRESSED:
-            own = _inflated(file, element)
-            reader = _Reader(own, order, own.seek(0, 2))
-            yield from reader.matrix(reader.element(0))
-            at = element.start + element.size  # compressed ones are not filled up to eight bytes
-        else:
-            yield from _Reader(file, order, size).matrix(element)
-            at = element.following
+        element = reader.element(at)
+        number += 1
+        check_columns(number)
+        yield element
+        # Compressed ones are not filled up to eight bytes.
+        at = element.start + element.size if element.code == _COMPRESSED else element.following
 
 
-def _inflated(file: IO[bytes], element: _Element) -> IO[bytes]:
-    inflate, left = zlib.decompressobj(), element.size
-    file.seek(element.start)
+def _unpacked_size(file: IO[bytes], element: _Element, order: str) -> int:
+    """Bytes that a compressed part unpacks to: it begins with a code and the size of what follows."""
+    read = _inflated(file, element)
+    head = b""
+    while len(head) < 8 and (part := read(8 - len(head))):
+        head += part
+    if len(head) < 8:
+        raise ValueError("a compressed part ends too early")
+    code, size = np.frombuffer(head, dtype=f"{order}u4").tolist()
+    return 8 if code >> 16 else 8 + int(size)
+
+
+def _inflated(file: IO[bytes], element: _Element) -> Callable[[int], bytes]:
+    """What gives the next bytes of a compressed part, at most as many as are asked for."""
+    inflate, at = zlib.decompressobj(), element.start
 
     def read(most: int) -> bytes:
-        nonlocal left
+        nonlocal at
         while not inflate.eof:
             packed = inflate.unconsumed_tail
             if not packed:
-                packed = file.read(min(left, most))
-                left -= len(packed)
+                file.seek(at)
+                packed = file.read(min(element.start + element.size - at, _READ_BYTES))
+                at += len(packed)
             if not packed:
                 raise ValueError("a compressed part ends too early")
             if part := inflate.decompress(packed, most):
                 return part
         return b""
 
-    return unpacked(read, element.size)
+    return read
 
 
 class _Reader:
@@ -106,10 +137,12 @@ class _Reader:
             raise ValueError(f"the part from byte {at} on ends too early")
         return element
 
-    def matrix(self, element: _Element, name: str | None = None) -> Iterator[StoredArray]:
+    def matrix(self, element: _Element, name: str | None = None, depth: int = 0) -> Iterator[StoredArray]:
         """The arrays of a matrix: itself, or those of the fields of a structure."""
         if element.code != _MATRIX or not element.size:
             return
+        if depth > DEEPEST:
+            raise ValueError(f"it holds structures more than {DEEPEST} deep")
         flags = self.element(element.start)
         shape_at = self.element(flags.following)
         own_name = self.element(shape_at.following)
@@ -121,19 +154,19 @@ class _Reader:
             return  # what MATLAB keeps for objects beside the variables
         if kind in _NUMERIC and not flag & _COMPLEX:
             yield from self._array(name, shape, self.element(own_name.following))
-        elif kind == _STRUCTURE and int(np.prod(shape)) == 1:
-            yield from self._fields(name, own_name.following)
+        elif kind == _STRUCTURE and math.prod(shape) == 1:
+            yield from self._fields(name, own_name.following, depth + 1)
 
     def _array(self, name: str, shape: tuple[int, ...], numbers: _Element) -> Iterator[StoredArray]:
         kind = np.dtype(self._order + _KINDS[numbers.code]) if numbers.code in _KINDS else None
         shape = tuple(size for size in shape if size != 1)
         if kind is None or not shape:
             return
-        if kind.itemsize * int(np.prod(shape, dtype=np.int64)) != numbers.size:
+        if min(shape) < 0 or kind.itemsize * math.prod(shape) != numbers.size:
             raise ValueError(f"{name} has not as many numbers as its size says")
         yield Place(self._file, numbers.start, kind, shape, by_columns=True).array(name)
 
-    def _fields(self, name: str, at: int) -> Iterator[StoredArray]:
+    def _fields(self, name: str, at: int, depth: int) -> Iterator[StoredArray]:
         longest = self.element(at)
         names = self.element(longest.following)
         width = self._numbers(longest.start, "i4", 1)[0]
@@ -144,7 +177,7 @@ class _Reader:
         for first in range(0, names.size, width):
             field = self.element(at)
             own = text[first : first + width].split(b"\0")[0].decode("latin-1")
-            yield from self.matrix(field, f"{name}.{own}")
+            yield from self.matrix(field, f"{name}.{own}", depth)
             at = field.following
 
     def _numbers(self, at: int, kind: str, count: int) -> tuple[int, ...]:

@@ -2,57 +2,41 @@
 
 from __future__ import annotations
 
-import sqlite3
-from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from functools import lru_cache
-from itertools import islice
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from dynident.arrays import FloatArray, IntArray
+from dynident.recordings.file_limits import TITLE, check_columns
 from dynident.recordings.formats.layouts import Content, Layout, learned
+from dynident.recordings.formats.mcap_files import mcap_messages
+from dynident.recordings.formats.message_definitions import defined_types
+from dynident.recordings.formats.packed_messages import (
+    ARRAYS,
+    DYNAMIC_STATES,
+    FRANKA_ROBOT,
+    JOINT_STATES,
+    WRENCHES,
+    PackedMessage,
+)
+from dynident.recordings.formats.ros1_bags import ros1_messages
+from dynident.recordings.formats.ros2_bags import ros2_messages
 from dynident.recordings.types import RecordingError
 
-_JOINT_STATES = "sensor_msgs/msg/JointState"
-_WRENCHES = ("geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/Wrench")
-_DYNAMIC = "control_msgs/msg/DynamicJointState"
-_CONTROLLER = (
-    "control_msgs/msg/JointTrajectoryControllerState",
-    "control_msgs/msg/JointControllerState",
-)
 _JOINT_FIELDS = ("position", "velocity", "effort")
-_LBR = {
-    "measured_joint_position": "position",
-    "measured_torque": "torque",
-    "commanded_joint_position": "commanded_position",
-    "commanded_torque": "commanded_torque",
-    "external_torque": "external_torque",
-}
-_ARRAYS: dict[str, dict[str, str]] = {
-    "franka_msgs/msg/FrankaState": {
-        "q": "position",
-        "dq": "velocity",
-        "tau_J": "torque",
-        "q_d": "commanded_position",
-        "tau_J_d": "commanded_torque",
-        "tau_ext_hat_filtered": "external_torque",
-    },
-    "lbr_fri_msgs/msg/LBRState": _LBR,
-    "lbr_fri_idl/msg/LBRState": _LBR,
-}
-"""Fields with a number a joint, and what they are called here, of messages that name no joints."""
-_FRANKA_ROBOT = "franka_msgs/msg/FrankaRobotState"
 _FRANKA_PARTS = {"measured_joint_state": "", "desired_joint_state": "commanded_", "tau_ext_hat_filtered": "external_"}
 """Its joint states: their efforts are torques of sensors in the joints, those commanded, and those of contacts."""
-KNOWN = (_JOINT_STATES, *_WRENCHES, _DYNAMIC, *_CONTROLLER, *_ARRAYS, _FRANKA_ROBOT)
-
 
 _TOGETHER = 1024
-"""Messages that are unpacked at once, from all topics."""
+_TOGETHER_BYTES = 2**24
+"""Messages that are unpacked at once, from all topics, and their bytes."""
+_MOST_LAYOUTS, _MOST_NAMES = 256, 1000
+"""Topics and lengths of messages whose layout is learned, and names in one: to learn takes the square of them. Files
+with more are made to fill a memory, or are read one message after another."""
 
 
 class Samples(NamedTuple):
@@ -64,16 +48,6 @@ class Samples(NamedTuple):
     values: FloatArray
 
 
-class _Packed(NamedTuple):
-    """A message as it is stored; `definition` is the text of its type where the file gives it."""
-
-    topic: str
-    type: str
-    definition: str
-    stamp: int
-    data: bytes
-
-
 def samples_of(path: Path, name: str) -> Iterator[Samples]:
     """Read the messages that hold signals of joints, in the order of the file but for those of other topics.
 
@@ -82,14 +56,13 @@ def samples_of(path: Path, name: str) -> Iterator[Samples]:
     RecordingError
         For a file that cannot be read.
     """
-    read = {"rosbag": _ros1, "rosbag2": _ros2, "mcap": _mcap}[name]
+    read = {"rosbag": ros1_messages, "rosbag2": ros2_messages, "mcap": mcap_messages}[name]
     unpack = _Unpacker(ros1=name == "rosbag")
     undefined: dict[str, None] = {}
     any_read = False
-    messages = read(path)
     try:
-        while together := list(islice(messages, _TOGETHER)):
-            topics: dict[str, list[_Packed]] = {}
+        for together in _together(read(path)):
+            topics: dict[str, list[PackedMessage]] = {}
             for packed in together:
                 if unpack.knows(packed):
                     topics.setdefault(packed.topic, []).append(packed)
@@ -100,93 +73,27 @@ def samples_of(path: Path, name: str) -> Iterator[Samples]:
     except (ModuleNotFoundError, RecordingError):
         raise
     except Exception as error:  # the readers' own kinds of error are many, and are all about the file
-        raise RecordingError(f"The file cannot be read as {name}: {error}", title="Unreadable file") from error
+        raise RecordingError(f"The file cannot be read as {name}: {error}", title=TITLE) from error
     if undefined and not any_read:
         raise RecordingError(
             f"The bag does not say how its messages of {', '.join(undefined)} are built: record it as MCAP, or convert "
             "it where that package is installed (ros2 bag convert).",
-            title="Unreadable file",
+            title=TITLE,
         )
 
 
-def _plain(type_name: str) -> str:
-    """sensor_msgs/JointState, as ROS 1 writes it, is sensor_msgs/msg/JointState."""
-    return type_name if "/msg/" in type_name else type_name.replace("/", "/msg/", 1)
-
-
-def _ros1(path: Path) -> Iterator[_Packed]:
-    from rosbags.rosbag1 import Reader
-
-    with Reader(path) as reader:
-        wanted = [one for one in reader.connections if _plain(one.msgtype) in KNOWN]
-        if not wanted:
-            return
-        for connection, stamp, data in reader.messages(connections=wanted):
-            text = connection.msgdef.data
-            yield _Packed(connection.topic, _plain(connection.msgtype), text, stamp, bytes(data))
-
-
-def _ros2(path: Path) -> Iterator[_Packed]:
-    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
-        topics = {key: (name, kind) for key, name, kind in base.execute("SELECT id, name, type FROM topics")}
-        tables = {name for (name,) in base.execute("SELECT name FROM sqlite_master")}
-        texts: dict[str, str] = {}
-        if "message_definitions" in tables:
-            rows = base.execute("SELECT topic_type, encoded_message_definition FROM message_definitions")
-            texts = dict(rows.fetchall())
-        wanted = [key for key, (_, kind) in topics.items() if kind in KNOWN]
-        marks = ",".join("?" * len(wanted))
-        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp"
-        for key, stamp, data in base.execute(query, wanted):
-            topic, kind = topics[key]
-            yield _Packed(topic, kind, texts.get(kind, ""), stamp, data)
-
-
-def _mcap(path: Path) -> Iterator[_Packed]:
-    from mcap.reader import make_reader
-
-    with path.open("rb") as file:
-        reader = make_reader(file)
-        summary = reader.get_summary()
-        if summary is None or not summary.chunk_indexes:
-            stored: Iterator[tuple[Any, Any, Any]] = reader.iter_messages()
-        else:
-            stored = _in_order(file, summary)
-        for schema, channel, message in stored:
-            if schema is None or _plain(schema.name) not in KNOWN or channel.message_encoding != "cdr":
-                continue
-            text = schema.data.decode(errors="replace") if schema.encoding == "ros2msg" else ""
-            yield _Packed(channel.topic, _plain(schema.name), text, message.log_time, message.data)
-
-
-def _in_order(file: BinaryIO, summary: Any) -> Iterator[tuple[Any, Any, Any]]:
-    """Read the known messages of an MCAP file by their time, chunk by chunk.
-
-    The package's own reader puts every message into a heap, which takes longer than to unpack it, and those of other
-    topics, images among them. Here what is of no later time than all later chunks is given, whole chunks mostly.
-    """
-    from mcap.data_stream import ReadDataStream
-    from mcap.records import Chunk, Message
-    from mcap.stream_reader import breakup_chunk
-
-    schemas = {key: schema for key, schema in summary.schemas.items() if _plain(schema.name) in KNOWN}
-    channels = {key: one for key, one in summary.channels.items() if one.schema_id in schemas}
-    chunks = sorted(summary.chunk_indexes, key=lambda one: (one.message_start_time, one.chunk_start_offset))
-    # A file without indices of messages does not say which channels are in a chunk.
-    chunks = [one for one in chunks if not one.message_index_offsets or channels.keys() & one.message_index_offsets]
-    kept: list[Any] = []
-    for chunk, following in zip(chunks, [*chunks[1:], None], strict=True):
-        file.seek(chunk.chunk_start_offset + 9)  # behind the code and the length of the record
-        records = breakup_chunk(Chunk.read(ReadDataStream(file)))
-        kept += [one for one in records if isinstance(one, Message) and one.channel_id in channels]
-        kept.sort(key=lambda one: one.log_time)
-        until = len(kept)
-        if following is not None:
-            until = bisect_right(kept, following.message_start_time, key=lambda one: one.log_time)
-        for message in kept[:until]:
-            channel = channels[message.channel_id]
-            yield schemas[channel.schema_id], channel, message
-        del kept[:until]
+def _together(messages: Iterator[PackedMessage]) -> Iterator[list[PackedMessage]]:
+    """The messages in parts, none of many messages or many bytes."""
+    part: list[PackedMessage] = []
+    size = 0
+    for message in messages:
+        part.append(message)
+        size += len(message.data)
+        if len(part) == _TOGETHER or size > _TOGETHER_BYTES:
+            yield part
+            part, size = [], 0
+    if part:
+        yield part
 
 
 class _Unpacker:
@@ -200,11 +107,11 @@ class _Unpacker:
         self._pack = self._store.serialize_ros1 if ros1 else self._store.serialize_cdr
         self._layouts: dict[tuple[str, int], Layout | None] = {}
 
-    def knows(self, packed: _Packed) -> bool:
+    def knows(self, packed: PackedMessage) -> bool:
         """Whether ROS or the file says how a message is built."""
         return bool(packed.definition) or packed.type in self._store.types
 
-    def __call__(self, messages: Sequence[_Packed]) -> Samples:
+    def __call__(self, messages: Sequence[PackedMessage]) -> Samples:
         """Unpack messages of one topic."""
         parts: list[tuple[IntArray, FloatArray, tuple[str, ...], FloatArray]] = []
         sizes = np.array([len(one.data) for one in messages])
@@ -222,6 +129,7 @@ class _Unpacker:
                 time = 0.0 if stamp is None else stamp[0] + stamp[1] * 1e-9
                 parts.append((np.array([k]), np.array([time]), tuple(names), np.asarray(numbers, dtype=np.float64)))
         columns = {name: place for place, name in enumerate(dict.fromkeys(name for part in parts for name in part[2]))}
+        check_columns(len(columns))
         whole, read = np.full((len(messages), len(columns)), np.nan), np.zeros(len(messages), dtype=bool)
         for at, times, names, values in parts:
             whole[at[:, None], [columns[name] for name in names]] = values
@@ -230,12 +138,14 @@ class _Unpacker:
             read[at] = bool(names)
         return Samples(messages[0].topic.strip("/"), stamps[read], tuple(columns), whole[read])
 
-    def _layout_of(self, packed: _Packed) -> Layout | None:
+    def _layout_of(self, packed: PackedMessage) -> Layout | None:
         """How messages of a topic and of this length are laid out; None where one by one has to be unpacked."""
         key = (packed.topic, len(packed.data))
         if key not in self._layouts:
             message = self._message(packed)
             self._layouts[key] = None
+            if len(self._layouts) > _MOST_LAYOUTS or len(_read(packed.type, message)[0]) > _MOST_NAMES:
+                return None
             with suppress(Exception):  # what can be unpacked and not packed again is unpacked one by one
                 self._layouts[key] = learned(
                     packed.data,
@@ -246,21 +156,10 @@ class _Unpacker:
                 )
         return self._layouts[key]
 
-    def _message(self, packed: _Packed) -> Any:
+    def _message(self, packed: PackedMessage) -> Any:
         if packed.type not in self._store.types and packed.definition:
-            self._learn(packed)
+            self._store.register(defined_types(packed.definition, packed.type, self._store.fielddefs))
         return self._unpack(packed.data, packed.type)
-
-    def _learn(self, packed: _Packed) -> None:
-        from rosbags.typesys import get_types_from_msg
-
-        first, *others = packed.definition.split("=" * 80 + "\n")
-        self._store.register(get_types_from_msg(first, packed.type))
-        for other in others:
-            head, _, text = other.partition("\n")
-            name = _plain(head.removeprefix("MSG: ").strip())
-            if name not in self._store.types:
-                self._store.register(get_types_from_msg(text, name))
 
 
 def _read(kind: str, message: Any) -> Content:
@@ -275,9 +174,9 @@ def _read(kind: str, message: Any) -> Content:
 
 
 def _content(kind: str, message: Any) -> tuple[Sequence[str], Sequence[float] | FloatArray]:
-    if kind == _JOINT_STATES:
+    if kind == JOINT_STATES:
         return _of_joints(message.name, message)
-    if kind in _WRENCHES:
+    if kind in WRENCHES:
         wrench = getattr(message, "wrench", message)
         parts = [
             (f"{part}_{axis}", getattr(getattr(wrench, part), axis)) for part in ("force", "torque") for axis in "xyz"
@@ -285,11 +184,11 @@ def _content(kind: str, message: Any) -> tuple[Sequence[str], Sequence[float] | 
         return [name for name, _ in parts], [float(value) for _, value in parts]
     names: list[str] = []
     values: list[float] = []
-    if kind in _ARRAYS:
+    if kind in ARRAYS:
         # Not every version of a message has all fields.
-        numbers = [getattr(message, field, np.empty(0)) for field in _ARRAYS[kind]]
+        numbers = [getattr(message, field, np.empty(0)) for field in ARRAYS[kind]]
         return _counted(kind, tuple(len(part) for part in numbers)), np.concatenate(numbers)
-    if kind == _FRANKA_ROBOT:
+    if kind == FRANKA_ROBOT:
         for part, ours in _FRANKA_PARTS.items():
             state = getattr(message, part)
             for field, own in zip(_JOINT_FIELDS, ("position", "velocity", "torque"), strict=True):
@@ -297,7 +196,7 @@ def _content(kind: str, message: Any) -> tuple[Sequence[str], Sequence[float] | 
                 names += [f"{ours}{own}_{joint}" for joint, _ in zip(state.name, numbers, strict=False)]
                 values += [float(value) for _, value in zip(state.name, numbers, strict=False)]
         return names, values
-    if kind == _DYNAMIC:
+    if kind == DYNAMIC_STATES:
         for joint, interface in zip(message.joint_names, message.interface_values, strict=True):
             names += [f"{field}_{joint}" for field in interface.interface_names]
             values += [float(value) for value in interface.values]
@@ -329,5 +228,5 @@ def _names_of(joints: tuple[str, ...], counts: tuple[tuple[str, int], ...]) -> t
 
 @lru_cache(maxsize=64)
 def _counted(kind: str, counts: tuple[int, ...]) -> tuple[str, ...]:
-    fields = zip(_ARRAYS[kind].values(), counts, strict=True)
+    fields = zip(ARRAYS[kind].values(), counts, strict=True)
     return tuple(f"{field}_{joint + 1}" for field, count in fields for joint in range(count))

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
-from typing import IO
-from zipfile import ZIP_STORED, BadZipFile, ZipFile
+from tokenize import TokenError
+from typing import IO, Any
+from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
 from numpy.lib import format as numpy_format
 
 from dynident.recordings.formats.arrays import ArrayFileSource, StoredArray
-from dynident.recordings.formats.stored import Place, unpacked
+from dynident.recordings.file_limits import TITLE, check_columns, check_unpacked
+from dynident.recordings.formats.stored import KnownLength, Place, UnpackedFile
 from dynident.recordings.types import RecordingError
 
 _HEADERS = {(1, 0): numpy_format.read_array_header_1_0, (2, 0): numpy_format.read_array_header_2_0}
 _NUMBERS = "fiub"
+_BROKEN = (
+    *(ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, MemoryError, OverflowError, SyntaxError),
+    *(BadZipFile, TokenError, zlib.error),
+)
+"""What NumPy's and Python's readers raise of headers and archives that are damaged; a deep header is a MemoryError."""
 
 
 def numpy_source(path: Path, name: str) -> ArrayFileSource:
@@ -26,54 +34,70 @@ def numpy_source(path: Path, name: str) -> ArrayFileSource:
     """
     try:
         return ArrayFileSource(_archived(path) if name == "npz" else _single(path))
-    except (ValueError, OSError, EOFError, KeyError, BadZipFile, NotImplementedError) as error:
-        raise RecordingError(f"The file cannot be read as {name}: {error}", title="Unreadable file") from error
+    except RecordingError:
+        raise
+    except _BROKEN as error:
+        raise RecordingError(f"The file cannot be read as {name}: {error}", title=TITLE) from error
 
 
 def _single(path: Path) -> list[StoredArray]:
-    place = _place(path.open("rb"))
+    file = path.open("rb")
+    place = _place(file, 0, path.stat().st_size)
     if place is None:
         return []
-    if place.kind.names:
+    if place.kind.names and len(place.shape) == 1:
         return [place.array(field, field) for field in place.kind.names if place.kind[field].base.kind in _NUMBERS]
-    return [place.array("column")]
+    return [] if place.kind.names else [place.array("column")]
 
 
 def _archived(path: Path) -> list[StoredArray]:
     found = []
     file = path.open("rb")
     with ZipFile(path) as archive:
-        for member in archive.infolist():
-            if not member.filename.endswith(".npy"):
-                continue
+        members = [member for member in archive.infolist() if member.filename.endswith(".npy")]
+        check_columns(len(members))
+        compressed = [member for member in members if member.compress_type != ZIP_STORED]
+        # No more than this is unpacked of a member, whatever it holds.
+        size = sum(member.file_size for member in compressed)
+        check_unpacked(size, path.stat().st_size)
+        unpacked = UnpackedFile(size) if compressed else None
+        for member in members:
+            if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
+                raise ValueError(f"{member.filename} is compressed in a way that NumPy does not write")
             with archive.open(member) as stream:
-                if member.compress_type == ZIP_STORED:
+                if member.compress_type == ZIP_STORED or unpacked is None:
                     # The archive was opened at it, and stands where it begins.
-                    place = _place(_at(file, member.header_offset))
+                    start = _start_of(file, member)
+                    place = _place(file, start, start + member.file_size)
                 else:
-                    place = _place(unpacked(stream.read, member.compress_size))
+                    place = _place(unpacked.file, *unpacked.append(stream.read, member.file_size))
             if place is not None and not place.kind.names:
                 found.append(place.array(member.filename.removesuffix(".npy")))
     return found
 
 
-def _at(file: IO[bytes], header: int) -> IO[bytes]:
-    """Go to the first byte of a member of an archive: behind its header, whose last two parts may be of any length."""
-    file.seek(header + 26)
+def _start_of(file: IO[bytes], member: ZipInfo) -> int:
+    """The first byte of a member of an archive: behind its header, whose last two parts may be of any length."""
+    file.seek(member.header_offset + 26)
     lengths = file.read(4)
-    file.seek(header + 30 + int.from_bytes(lengths[:2], "little") + int.from_bytes(lengths[2:], "little"))
-    return file
+    return member.header_offset + 30 + int.from_bytes(lengths[:2], "little") + int.from_bytes(lengths[2:], "little")
 
 
-def _place(file: IO[bytes]) -> Place | None:
-    """Where an array lies whose description comes next; None for one of other things than numbers."""
-    version = numpy_format.read_magic(file)
+def _place(file: IO[bytes], start: int, end: int) -> Place | None:
+    """Where an array lies whose description begins at `start`; None for one of other things than numbers."""
+    file.seek(start)
+    known: Any = KnownLength(file)
+    version = numpy_format.read_magic(known)
     if version not in _HEADERS:
         raise ValueError(f"arrays of the format {version[0]}.{version[1]} are not known")
-    shape, by_columns, kind = _HEADERS[version](file)
-    if kind.hasobject or (not kind.names and kind.kind not in _NUMBERS):
+    shape, by_columns, kind = _HEADERS[version](known)
+    if kind.hasobject:
+        raise ValueError("it holds Python objects, which are never unpacked; save arrays of numbers")
+    if not kind.names and kind.kind not in _NUMBERS:
         return None
+    if any(size < 0 for size in shape):
+        raise ValueError(f"its shape is {shape}")
     place = Place(file, file.tell(), kind, shape, by_columns)
-    if place.end > file.seek(0, 2):
-        raise ValueError("its last numbers are missing")
+    if place.end > min(end, known.size):
+        raise ValueError(f"its last numbers are missing: the shape is {shape}")
     return place

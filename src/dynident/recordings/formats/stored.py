@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,9 +17,6 @@ from dynident.recordings.formats.arrays import StoredArray
 from dynident.recordings.types import RecordingError
 
 _AT_ONCE = 2**20
-_MOST, _MOST_TIMES = 2**30, 100
-"""Bytes that anything may unpack to, and times its size that more may: signals shrink to a tenth at the least, what
-shrinks to a thousandth was made to fill a disk."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,46 +32,119 @@ class Place:
     @property
     def end(self) -> int:
         """The first byte behind it."""
-        return self.start + self.kind.itemsize * int(np.prod(self.shape, dtype=np.int64))
+        return self.start + self.kind.itemsize * math.prod(self.shape)
 
     def array(self, name: str, field: str | None = None) -> StoredArray:
         """Give it a name; `field` is one of its records', if it holds some."""
         inner = () if field is None else self.kind[field].shape
+        shape = (*self.shape, *inner)
 
         def read(first: int, last: int, axis: int) -> FloatArray:
-            # Mapped anew each time: what was read before does not stay in memory.
-            whole = np.memmap(self.file, self.kind, "r", self.start, self.shape, "F" if self.by_columns else "C")
-            values = whole if field is None else whole[field]
-            return np.array(values[first:last] if axis == 0 else values[:, first:last].T, dtype=np.float64)
+            if axis < len(self.shape):
+                values = self._rows(first, last, axis)
+                return np.array(values if field is None else values[field], dtype=np.float64)
+            # The rows run within the records, of which there are fewer than rows.
+            records = self._rows(0, self.shape[0], 0)
+            return np.array(records[field][:, first:last].T, dtype=np.float64)
 
-        return StoredArray(name, (*self.shape, *inner), read)
+        return StoredArray(name, shape, read)
+
+    def _rows(self, first: int, last: int, axis: int) -> np.ndarray[Any, Any]:
+        """The part from `first` to `last` along an axis, which becomes the first one."""
+        lines = self.shape[::-1] if self.by_columns else self.shape
+        width = math.prod(lines[1:])
+        if axis == (len(self.shape) - 1 if self.by_columns else 0):
+            return self._numbers(first * width, (last - first) * width).reshape(last - first, *lines[1:])
+        return np.stack([self._numbers(line * width + first, last - first) for line in range(lines[0])], axis=1)
+
+    def _numbers(self, first: int, count: int) -> np.ndarray[Any, Any]:
+        data = os.pread(self.file.fileno(), count * self.kind.itemsize, self.start + first * self.kind.itemsize)
+        return np.frombuffer(data, dtype=self.kind, count=count)
 
 
-def unpacked(read: Callable[[int], bytes], packed: int) -> IO[bytes]:
-    """Write what is stored compressed to a file without a name, where it can be read in parts.
+class KnownLength:
+    """A file that is never asked for more bytes than it has left: Python sets memory aside for all that are asked for.
 
     Parameters
     ----------
-    read : callable
-        Gives the next bytes, at most so many, and none at the end.
-    packed : int
-        Bytes that it takes in its file.
+    file : binary file
+    """
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self.size = os.fstat(file.fileno()).st_size
+
+    def read(self, size: int = -1) -> bytes:
+        """Read at most so many bytes; all that are left where `size` is negative."""
+        left = max(self.size - self._file.tell(), 0)
+        return self._file.read(left if size < 0 else min(size, left))
+
+    def readline(self, size: int = -1) -> bytes:
+        """Read a line."""
+        return self._file.readline(size)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Go to a byte."""
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        """The byte that is read next."""
+        return self._file.tell()
+
+    def seekable(self) -> bool:
+        """Whether `seek` works."""
+        return True
+
+    def fileno(self) -> int:
+        """The number of the open file."""
+        return self._file.fileno()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+class UnpackedFile:
+    """What a file holds compressed, one behind another in a file without a name, where it can be read in parts.
+
+    Parameters
+    ----------
+    size : int
+        Bytes of all parts.
 
     Raises
     ------
     RecordingError
-        Where it is many times larger than its file.
+        The disk has no room for them.
     """
-    file = tempfile.TemporaryFile()  # noqa: SIM115 - it is closed with the arrays that lie in it
-    size = 0
-    while part := read(_AT_ONCE):
-        size += len(part)
-        if size > max(_MOST, _MOST_TIMES * packed):
-            raise RecordingError(
-                f"What the file holds unpacks to more than {size / 2**30:.0f} GB, from {packed / 2**20:.0f} MB: no "
-                "signals shrink so much. Store it without compression if it is right.",
-                title="Unreadable file",
-            )
-        file.write(part)
-    file.seek(0)
-    return file
+
+    def __init__(self, size: int) -> None:
+        free = shutil.disk_usage(tempfile.gettempdir()).free
+        if size > free:
+            detail = f"The file unpacks to {size / 2**20:.0f} MB, and {free / 2**20:.0f} MB are free on the disk."
+            raise RecordingError(detail, title="No room")
+        self.file: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - it is closed with the arrays that lie in it
+
+    def append(self, read: Callable[[int], bytes], size: int) -> tuple[int, int]:
+        """Unpack one more part.
+
+        Parameters
+        ----------
+        read : callable
+            Gives the next bytes, at most so many, and none at the end.
+        size : int
+            Bytes that it says to unpack to. `ValueError` where there are fewer; more are not read.
+
+        Returns
+        -------
+        int, int
+            Its first byte, and the first one behind it.
+        """
+        start, left = self.file.seek(0, 2), size
+        while left and (part := read(min(_AT_ONCE, left))):
+            left -= len(part)
+            self.file.write(part)
+        if left:
+            raise ValueError("a compressed part ends too early")
+        self.file.flush()
+        return start, start + size

@@ -12,12 +12,17 @@ import pyarrow.parquet as pq
 
 from dynident.recordings.arrow import streamed_parquet
 from dynident.recordings.dialects import Dialect, csv_dialect
+from dynident.recordings.file_limits import TITLE, check_columns, check_unpacked, rows_of_block
 from dynident.recordings.lists import list_columns, places_of, spread, spread_names, stored_name
-from dynident.recordings.raw import BATCH_ROWS, FileSource
+from dynident.recordings.raw import FileSource
 from dynident.recordings.types import RecordingError
 
 CSV_BLOCK_BYTES = 1 << 19
 """Arrow reads up to 32 such blocks ahead; smaller ones are as fast, and 4 MiB took 150 MB."""
+
+_VALUE_BYTES = 8
+_BROKEN_PARQUET = (pa.ArrowException, OSError, ValueError, KeyError, UnicodeError)
+"""What pyarrow raises of files that are damaged."""
 
 _NULLS = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "null", "NULL", "None", "inf", "-inf", "Inf", "-Inf"]
 
@@ -28,20 +33,32 @@ class ParquetFileSource(FileSource):
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
-            schema = pq.read_schema(path)
+            with streamed_parquet(path) as file:
+                _check_parquet(file.metadata, path.stat().st_size)
+                schema = file.schema_arrow
             self._lists = places_of(path, list_columns(path, schema))
             super().__init__(spread_names(schema, self._lists))
-        except (pa.ArrowInvalid, pa.ArrowIOError) as error:
-            raise RecordingError(f"The file cannot be read as Parquet: {error}", title="Unreadable file") from error
+        except _BROKEN_PARQUET as error:
+            raise RecordingError(f"The file cannot be read as Parquet: {error}", title=TITLE) from error
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         try:
             with streamed_parquet(self._path) as file:
                 stored = list(dict.fromkeys(stored_name(name, self._lists) for name in columns))
-                for batch in file.iter_batches(BATCH_ROWS, columns=stored, use_threads=False):
+                rows = rows_of_block(len(self.names))
+                for batch in file.iter_batches(rows, columns=stored, use_threads=False):
                     yield spread(batch, columns, self._lists) if self._lists else batch
-        except (pa.ArrowInvalid, pa.ArrowIOError) as error:
-            raise RecordingError(f"The file cannot be read as Parquet: {error}", title="Unreadable file") from error
+        except _BROKEN_PARQUET as error:
+            raise RecordingError(f"The file cannot be read as Parquet: {error}", title=TITLE) from error
+
+
+def _check_parquet(metadata: pq.FileMetaData, size: int) -> None:
+    """Refuse what is said to be many times larger than its file: in bytes, or in values, which may be repeated."""
+    check_columns(metadata.num_columns)
+    groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
+    check_unpacked(sum(group.total_byte_size for group in groups), size)
+    values = sum(group.column(k).num_values for group in groups for k in range(group.num_columns))
+    check_unpacked(max(values, metadata.num_rows) * _VALUE_BYTES, size)
 
 
 class CsvFileSource(FileSource):
@@ -50,6 +67,7 @@ class CsvFileSource(FileSource):
     def __init__(self, path: Path) -> None:
         self._path = path
         self._dialect = csv_dialect(path)
+        check_columns(len(self._dialect.names))
         super().__init__(self._dialect.names, self._dialect.units)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:

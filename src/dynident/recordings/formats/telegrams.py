@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.recordings.arrow import from_numbers
+from dynident.recordings.file_limits import TITLE, check_columns, rows_of_block
 from dynident.recordings.raw import FileSource
 from dynident.recordings.types import RecordingError
 
@@ -41,18 +42,20 @@ class TelegramSource(FileSource):
         names: dict[str, None] = {}
         for number, telegram in enumerate(_telegrams(path)):
             names.update(dict.fromkeys(_numbers(telegram, number)))
+            check_columns(len(names))
             if number + 1 == _LOOKED_AT:
                 break
         if not names:
-            raise RecordingError("The file holds no whole telegram <Rob …>…</Rob>.", title="Unreadable file")
+            raise RecordingError("The file holds no whole telegram <Rob …>…</Rob>.", title=TITLE)
         super().__init__(list(names), {name: unit for name in names if (unit := _UNITS.get(name.rstrip("0123456789")))})
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         rows: list[list[float]] = []
+        most = min(_BLOCK_ROWS, rows_of_block(len(columns)))
         for number, telegram in enumerate(_telegrams(self._path)):
             found = _numbers(telegram, number)
             rows.append([found.get(name, np.nan) for name in columns])
-            if len(rows) == _BLOCK_ROWS:
+            if len(rows) == most:
                 yield _batch(rows, columns)
                 rows = []
         if rows:
@@ -83,7 +86,7 @@ def _numbers(telegram: bytes, number: int) -> dict[str, float]:
         root = ElementTree.fromstring(telegram)
     except ElementTree.ParseError as error:
         raise RecordingError(
-            f"Telegram {number + 1} is no XML: {error}.", title="Unreadable file", row=number + 1
+            f"Telegram {number + 1} is no XML: {error}.", title=TITLE, row=number + 1
         ) from error
     found: dict[str, float] = {}
     for element in root.iter():

@@ -1,0 +1,73 @@
+"""Has what is stored read by a child process: a file that kills or blocks its reader is told like any other."""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+from dynident_service.jobs.calls import Answer, Call
+from dynident_service.jobs.confinement import REQUEST_MEMORY, Confinement, Folders
+from dynident_service.jobs.nursery import Nursery
+from dynident_service.jobs.pool import Child
+from dynident_service.problems import ProblemError
+from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.records import Resource
+
+LONGEST = 120.0
+"""Seconds to read one resource: as long as a request may take that reads it, the start of the process included."""
+FUNCTION = "dynident_service.work.stored_files:read_stored"
+
+
+class StoredFilesReader:
+    """Reads one resource after the other, in a child that is replaced where it does not come back."""
+
+    def __init__(self, objects: ObjectStore) -> None:
+        self._objects = objects
+        folder = objects.local_folder
+        self._confinement = Confinement(REQUEST_MEMORY, folders=Folders(folder, (folder,), ()))
+        self._nursery = Nursery()
+        self._child: Child | None = None
+
+    def __enter__(self) -> StoredFilesReader:
+        return self
+
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        self._replace()
+        self._nursery.close()
+
+    def problem_of(self, resource: Resource) -> str | None:
+        """Tell what of a resource cannot be read, and why; None where all of it can.
+
+        Files that are missing or damaged are left out: whoever looks at all objects tells of those.
+        """
+        if resource.job is not None and resource.job.state != "succeeded":
+            return None
+        try:
+            files = {role: str(self._objects.path(owned.key)) for role, owned in resource.objects.items()}
+        except ProblemError:
+            return None
+        arguments = {
+            "kind": resource.kind,
+            "request": resource.request,
+            "result": resource.result or {},
+            "files": files,
+        }
+        try:
+            self._child = self._child or Child(self._nursery, self._confinement)
+            self._child.send(Call(FUNCTION, arguments))
+            answer = self._child.receive(LONGEST)
+        except EOFError:
+            self._replace()
+            return "the process that read it died"
+        if answer is None:
+            self._replace()
+            return f"it was not read within {LONGEST:.0f} s"
+        assert isinstance(answer, Answer)
+        if answer.problem is not None:
+            return answer.problem.detail
+        problem: str | None = answer.value
+        return problem
+
+    def _replace(self) -> None:
+        if self._child is not None:
+            self._child.kill()
+            self._child = None

@@ -1,0 +1,113 @@
+"""Whether the service does what users ask it for: each part is asked as a request would ask it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+
+import anyio
+from anyio import to_thread
+from fastapi import Request
+from sqlalchemy import select
+from starlette.types import Message
+
+from dynident_service.awaited import Awaited
+from dynident_service.jobs.confinement import Limits
+from dynident_service.problems import ProblemError
+from dynident_service.storage.database import Database
+from dynident_service.storage.objects import ObjectStore
+from dynident_service.storage.tables import ResourceRow
+
+FRESH = 1.0
+"""Seconds for which an answer is given again: however often readiness is asked for, each part is asked once."""
+LONGEST = 1.0
+"""Seconds within which the database and a child process answer: a user who waits longer thinks that nothing happens."""
+LONGEST_OF_OBJECTS = 5.0
+"""The same of the object store, which may be far away: an object is written and read again, by several requests."""
+LONGEST_START = 60.0
+"""Seconds that the first child process may take to load the science, on a busy machine."""
+GIVEN_UP = 30.0
+"""Seconds after which a child that was asked is killed: it then took the place of a user's for long enough."""
+
+
+class Check:
+    """One part. While it has not answered it is not asked again, so that what hangs holds one thread and no more."""
+
+    def __init__(self, ask: Callable[[], Awaitable[object]], longest: float, longest_start: float = 0.0) -> None:
+        self._ask = ask
+        self._longest = longest
+        self._starts_until = time.monotonic() + longest_start
+        self._task: asyncio.Task[str] | None = None
+        self._began = -FRESH
+        self._has_answered = False
+
+    async def state(self) -> str:
+        """Tell `ok`, `starting`, or what is wrong; after the longest time at most."""
+        moment = time.monotonic()
+        if self._task is None or (self._task.done() and moment - self._began >= FRESH):
+            self._began, self._task = moment, asyncio.create_task(self._answer())
+        await asyncio.wait({self._task}, timeout=max(0.0, self._began + self._longest - time.monotonic()))
+        told = self._task.result() if self._task.done() else f"failed: no answer within {self._longest:g} s"
+        if told == "ok":
+            self._has_answered = True
+        elif not self._has_answered and moment < self._starts_until:
+            return "starting"
+        return told
+
+    async def _answer(self) -> str:
+        try:
+            await self._ask()
+        except ProblemError as error:
+            return f"failed: {error.problem.title}"
+        except Exception as error:
+            return f"failed: {type(error).__name__}"
+        took = time.monotonic() - self._began
+        return "ok" if took <= self._longest else f"failed: answered after {took:.1f} s"
+
+
+class Readiness:
+    """Asks the database, the object store, and a child process."""
+
+    def __init__(self, database: Database, objects: ObjectStore, awaited: Awaited) -> None:
+        self._database = database
+        self._objects = objects
+        self._awaited = awaited
+        self._checks: dict[str, Check] = {}
+
+    async def states(self) -> dict[str, str]:
+        """Tell of each part how it is."""
+        if not self._checks:  # of the event loop that answers
+            self._checks = {
+                "database": Check(self._ask_database, LONGEST),
+                "objects": Check(self._ask_objects, LONGEST_OF_OBJECTS),
+                "computations": Check(self._ask_child, LONGEST, LONGEST_START),
+            }
+        states = await asyncio.gather(*(check.state() for check in self._checks.values()))
+        return dict(zip(self._checks, states, strict=True))
+
+    async def _ask_database(self) -> None:
+        """Read a row in one of the threads, and by one of the connections, that requests have."""
+        await to_thread.run_sync(self._read_row)
+
+    def _read_row(self) -> None:
+        with self._database.read() as session:
+            session.execute(select(ResourceRow.id).limit(1)).all()
+
+    async def _ask_objects(self) -> None:
+        await to_thread.run_sync(self._objects.ping, limiter=anyio.CapacityLimiter(1))
+
+    async def _ask_child(self) -> None:
+        await self._awaited.call(
+            Request({"type": "http", "headers": []}, _never_left),
+            "dynident_service.jobs.calls:answer_readiness",
+            bool,
+            {},
+            Limits(GIVEN_UP),
+        )
+
+
+async def _never_left() -> Message:
+    """Stand for a client that waits."""
+    await anyio.sleep_forever()
+    return {"type": "http.disconnect"}

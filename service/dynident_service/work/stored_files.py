@@ -1,0 +1,79 @@
+"""Reads what the service has stored of a resource with the code that uses it, to see whether this version can."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from dynident.diagnosis.comparing.stored import StoredComparison
+from dynident.diagnosis.series.storage import read_header
+from dynident.errors import DynidentError
+from dynident.identification import from_bytes
+from dynident.recordings import open_recording
+from dynident_service.adapters.designs import design_of
+from dynident_service.adapters.robots import robot_of
+from dynident_service.models.diagnoses import Evidence
+from dynident_service.problems import ProblemError
+
+Read = Callable[[Mapping[str, Any], Mapping[str, Any], Path], object]
+
+
+def read_stored(
+    kind: str, request: Mapping[str, object], result: Mapping[str, object], files: Mapping[str, str]
+) -> str | None:
+    """Read a stored resource and its files.
+
+    Parameters
+    ----------
+    kind : str
+        Of the resource.
+    request, result : mapping
+        As they are stored.
+    files : mapping
+        Paths by the roles of the files.
+
+    Returns
+    -------
+    str or None
+        What cannot be read, and why; None where all of it can.
+    """
+    if kind == "robot":
+        return _problem("its description", partial(robot_of, request))
+    for role, path in files.items():
+        read = READERS.get((kind, role))
+        if read is not None:
+            problem = _problem(f"its {role}", partial(read, request, result, Path(path)))
+            if problem is not None:
+                return problem
+    return None
+
+
+def _problem(what: str, read: Callable[[], object]) -> str | None:
+    try:
+        read()
+    except ProblemError as error:
+        return f"{what}: {error.problem.detail}"
+    except DynidentError as error:
+        return f"{what}: {error.detail}"
+    except Exception as error:  # what damaged or foreign bytes raise is no closed list
+        return f"{what}: {type(error).__name__}: {error}"
+    return None
+
+
+def _read_evidence(_: Mapping[str, Any], __: Mapping[str, Any], path: Path) -> None:
+    for figure in json.loads(path.read_bytes()):
+        Evidence.model_validate(figure)
+
+
+READERS: Mapping[tuple[str, str], Read] = {
+    ("measurement", "recording"): lambda request, result, path: open_recording(path),
+    ("identification", "model"): lambda request, result, path: from_bytes(path.read_bytes()),
+    ("design", "trajectory"): design_of,
+    ("comparison", "signals"): lambda request, result, path: StoredComparison(path),
+    ("diagnosis", "evidence"): _read_evidence,
+    ("series", "days"): lambda request, result, path: read_header(path.read_bytes()),
+}
+"""By the kind of a resource and the role of its file; other files are given to users as they are."""

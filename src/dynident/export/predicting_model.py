@@ -1,0 +1,145 @@
+"""A model that predicts torque, along a whole motion or step by step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.effects import ReferenceParameters
+from dynident.effects.memory import MemoryStates
+from dynident.errors import DynidentError
+from dynident.identification import Identification
+from dynident.regressors.further_signals import NOTHING_FURTHER, FurtherSignals
+from dynident.regressors.model import Model
+from dynident.regressors.observation import Observation
+from dynident.robot.model import Robot
+
+FAR = 1e6
+"""Slip distances after which any hysteresis slides steadily: what is left of its start is exp(-FAR)."""
+
+
+@dataclass(frozen=True, eq=False)
+class PredictingModel:
+    """All that predicts torque: robot, effects, base parameters `values` (b,), and `reference` for predicted loads."""
+
+    model: Model
+    values: FloatArray
+    reference: ReferenceParameters
+
+    @classmethod
+    def of(cls, identification: Identification) -> PredictingModel:
+        """Take what predicts from an identified model."""
+        return cls(identification.model, identification.values, identification.estimate.reference)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.model.robot
+
+    @property
+    def observation(self) -> Observation:
+        """W for the base parameters."""
+        return self.model.observation
+
+    def torque(
+        self,
+        q: FloatArray,
+        dq: FloatArray,
+        ddq: FloatArray,
+        *,
+        sliding: bool = False,
+        further: FurtherSignals = NOTHING_FURTHER,
+    ) -> FloatArray:
+        """Predict torque along a motion: W χ of [12.4], m samples of one run in the order of time.
+
+        Parameters
+        ----------
+        q, dq, ddq : (m, n)
+            rad, rad/s, rad/s² of revolute joints; m, m/s, m/s² of prismatic ones.
+        sliding : bool
+            Take every sample by itself, with joints that have moved on in the direction of their velocity for long:
+            what hysteresis leaves in steady motion.
+        further : FurtherSignals, optional
+            Higher derivatives, time, temperature, run; `torque_formula` says what a model needs.
+
+        Returns
+        -------
+        (m, n) array, N m or N
+
+        Raises
+        ------
+        DynidentError
+            For a single sample of a model with hysteresis, whose torque depends on the path before it.
+        """
+        if sliding:
+            return self._torque(q, dq, ddq, self._sliding_states(dq), further)
+        if len(q) == 1 and self.observation.memory:
+            joints = sorted({self.robot.joint_names[signal.joint] for signal in self.observation.memory})
+            raise DynidentError(
+                f"the torque of this model depends on the path before a sample (hysteresis on {', '.join(joints)}); "
+                "one sample alone has none: make a predictor() once and call its step() for every sample, or ask for "
+                "the torque in steady motion (sliding=True)",
+                pointer="q",
+                title="Path needed",
+            )
+        return self.predictor().torque(q, dq, ddq, further=further)
+
+    def predictor(self) -> TorquePredictor:
+        """Return a predictor for a motion that comes step by step; it remembers the path."""
+        return TorquePredictor(self)
+
+    def _torque(
+        self, q: FloatArray, dq: FloatArray, ddq: FloatArray, states: FloatArray, further: FurtherSignals
+    ) -> FloatArray:
+        entries = self.observation.evaluate(q, dq, ddq, reference=self.reference, memory=states, further=further)
+        return self.observation.torque(entries, self.values)
+
+    def _sliding_states(self, dq: FloatArray) -> FloatArray:
+        """(m, number of hysteresis signals): the states of joints that move on as they do."""
+        states = np.zeros((len(dq), self.observation.n_memory))
+        for k, signal in enumerate(self.observation.memory):
+            moved = FAR * np.sign(dq[:, signal.joint])
+            states[:, k] = [signal.operator.stroke(np.zeros(1), np.array([[way]]))[0, 0] for way in moved]
+        return states
+
+
+class TorquePredictor:
+    """Predicts torque along one motion that comes step by step, as a controller has it.
+
+    Hysteresis depends on the path: the predictor carries it from call to call. In whatever pieces a motion comes, the
+    torque is that of the whole.
+
+    Parameters
+    ----------
+    model : PredictingModel
+
+    Examples
+    --------
+    >>> predictor = model.predictor()  # doctest: +SKIP
+    >>> predictor.reset()              # a new motion begins                      # doctest: +SKIP
+    >>> tau = predictor.step(q, dq, ddq)  # (n,), once for every sample           # doctest: +SKIP
+    """
+
+    def __init__(self, model: PredictingModel) -> None:
+        self._model = model
+        self._states = MemoryStates(model.observation.memory)
+
+    def reset(self) -> None:
+        """Begin a new motion, with every joint relaxed."""
+        self._states.restart()
+
+    def step(
+        self, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, further: FurtherSignals = NOTHING_FURTHER
+    ) -> FloatArray:
+        """Predict the torque (n,) of the next sample; q, dq, ddq (n,)."""
+        rows = (np.asarray(values, dtype=np.float64)[None] for values in (q, dq, ddq))
+        return np.asarray(self.torque(*rows, further=further)[0])
+
+    def torque(
+        self, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, further: FurtherSignals = NOTHING_FURTHER
+    ) -> FloatArray:
+        """Predict the torque (m, n) of the next m samples; q, dq, ddq (m, n)."""
+        states = self._states.push(self._model.observation.robot.positions(q))
+        return self._model._torque(q, dq, ddq, states, further)

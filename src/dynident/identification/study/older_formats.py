@@ -1,0 +1,102 @@
+"""Model files of every format that was ever written, as the arrays of the present one.
+
+Format 1
+    One model; the one below it on the ladder is a file inside it. Triangular factors are whole matrices. The base
+    parameters were not stored.
+Format 2
+    All models of the ladder side by side, factors without their zeros, base parameters as they were determined.
+Format 3
+    As 2; an equation may have rows at rest, beside halts and at reversals apart.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from dynident.errors import DynidentError
+from dynident.regressors.model import Model
+
+NAME = "dynident identification"
+PRESENT = 3
+Arrays = dict[str, Any]
+
+
+def read_ladder(content: bytes) -> list[Arrays]:
+    """Read the arrays of each model of a ladder, the lowest first.
+
+    Raises
+    ------
+    DynidentError
+        Where the file was written by a newer version.
+    """
+    arrays = _load(content)
+    header = _header(arrays)
+    number = _format_number(header)
+    if number > PRESENT:
+        detail = f"the model is of format {number}, and this version reads 1 to {PRESENT}; update dynident"
+        raise DynidentError(detail, title="Model of a newer version")
+    if number == 1:
+        return _ladder_of_the_first_format(arrays)
+    ladder = []
+    for rung in range(int(header["rungs"])):
+        prefix = f"{rung}/"
+        ladder.append({name.removeprefix(prefix): a for name, a in arrays.items() if name.startswith(prefix)})
+    return ladder
+
+
+def check_determined_base(model: Model, arrays: Mapping[str, Any], smallest_eigenvalue: float) -> None:
+    """Raise ValueError unless base parameters that a file does not store are determined as when it was written.
+
+    Parameters
+    ----------
+    model : Model
+        With the base parameters that this version determines.
+    arrays : mapping
+        Of the file: their columns in each joint's equation, and the smallest eigenvalue of the inertia matrix.
+    smallest_eigenvalue : float
+        What the values of the file make of it in `model`.
+    """
+    for joint in range(model.robot.n):
+        if not np.array_equal(model.observation.joint_entries(joint)[1], arrays[f"training_{joint}_columns"]):
+            raise ValueError(f"joint {joint} has other base parameters")
+    stored = float(_header(arrays)["worst_inertia_eigenvalue"])
+    # Both come from the same values by the same sums: they differ by rounding, or altogether.
+    if not np.isclose(smallest_eigenvalue, stored, rtol=1e-6, atol=1e-9, equal_nan=True):
+        raise ValueError("the values give another inertia matrix")
+
+
+def _load(content: bytes) -> Arrays:
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        return dict(file)
+
+
+def _header(arrays: Mapping[str, Any]) -> dict[str, Any]:
+    header: dict[str, Any] = json.loads(arrays["header"].tobytes())
+    return header
+
+
+def _format_number(header: Mapping[str, Any]) -> int:
+    matched = re.fullmatch(rf"{NAME} ([1-9]\d?)", header["format"])
+    if matched is None:
+        raise ValueError(header["format"])
+    return int(matched[1])
+
+
+def _ladder_of_the_first_format(arrays: Arrays) -> list[Arrays]:
+    ladder = [arrays]
+    while "parent" in ladder[-1]:
+        parent = _load(ladder[-1].pop("parent").tobytes())
+        if _format_number(_header(parent)) != 1:
+            raise ValueError("a model of another format inside one of the first")
+        ladder.append(parent)
+    for one in ladder:
+        for name, array in one.items():
+            if re.fullmatch(r"(training|held_out_data)_\d+_factors", name):
+                one[name] = array[:, *np.triu_indices(array.shape[-1])]
+    return ladder[::-1]

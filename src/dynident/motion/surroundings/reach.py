@@ -1,0 +1,65 @@
+"""How far a motion takes the arm: what its user has to see to where nothing around the robot was stated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.motion.surroundings.stated import Surroundings
+from dynident.robot import Robot
+from dynident.robot.kinematics import joint_frames
+
+NOTHING_STATED = "NOTHING AROUND THE ROBOT IS CHECKED"
+"""How the note begins that says so."""
+_BELOW = 1e-3
+"""Metres below the base plane that are rounding."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far the joints of an arm go from its base, in m, and the joint, the time in s and the share of time there.
+
+    lowest : height of the lowest joint's origin over the plane z = 0 of the base frame
+    below : share of the time in which some joint's origin is below that plane
+    widest : distance of the farthest joint's origin from the base frame's z axis
+    """
+
+    lowest: float
+    lowest_joint: str
+    lowest_time: float
+    below: float
+    widest: float
+    widest_joint: str
+
+
+def measure_reach(robot: Robot, t: FloatArray, q: FloatArray) -> Reach:
+    """Measure how far a motion q (m, n) at times t (m,) takes the origins of the joints."""
+    origins = joint_frames(robot, q)[:, :, :3, 3]
+    heights, widths = origins[:, :, 2], np.hypot(origins[:, :, 0], origins[:, :, 1])
+    moment, low = np.unravel_index(int(heights.argmin()), heights.shape)
+    wide = int(widths.max(axis=0).argmax())
+    names = robot.tree.joint_names
+    return Reach(
+        lowest=float(heights[moment, low]),
+        lowest_joint=names[int(low)],
+        lowest_time=float(t[moment]),
+        below=float((heights.min(axis=1) < -_BELOW).mean()),
+        widest=float(widths[:, wide].max()),
+        widest_joint=names[wide],
+    )
+
+
+def reach_notes(robot: Robot, t: FloatArray, q: FloatArray, surroundings: Surroundings) -> tuple[str, ...]:
+    """Say how far a motion goes where neither a floor nor anything else around the robot was stated; else nothing."""
+    if surroundings.has_obstacles or surroundings.tool_range is not None:
+        return ()
+    reach = measure_reach(robot, t, q)
+    height = f"{abs(reach.lowest):.2f} m {'below' if reach.lowest < 0 else 'above'} the base plane"
+    below = f", below that plane for {reach.below:.0%} of the time" if reach.below else ""
+    return (
+        f"{NOTHING_STATED}: no floor, wall or box was stated (surroundings). Lowest comes {reach.lowest_joint}, "
+        f"{height} at {reach.lowest_time:.1f} s{below}; widest {reach.widest_joint}, {reach.widest:.2f} m from the "
+        "base's axis; links and tool reach further. See that this is free, and run it at a third of the speed first.",
+    )

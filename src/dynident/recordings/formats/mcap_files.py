@@ -1,0 +1,172 @@
+"""MCAP files: chunk by chunk, none of which unpacks to more than it is said to."""
+
+from __future__ import annotations
+
+import heapq
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from dynident.recordings.file_limits import UnpackedSize, check_chunk
+from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, check_message, plain_type
+from dynident.recordings.formats.stored import KnownLength
+
+_FOOTER = 9 + 8 + 8 + 4
+_MAGIC = 8
+_RECORD_HEAD = 9
+"""The code and the length of a record."""
+_AHEAD = 10_000
+"""Messages within which those of a file without an index are put in order."""
+
+
+def mcap_messages(path: Path) -> Iterator[PackedMessage]:
+    """Give the messages that hold signals of joints, by their time."""
+    with path.open("rb") as opened:
+        file = _McapFile(KnownLength(opened))
+        for schema, channel, message in file.messages():
+            check_message(channel.topic, len(message.data))
+            text = schema.data.decode(errors="replace") if schema.encoding == "ros2msg" else ""
+            yield PackedMessage(channel.topic, plain_type(schema.name), text, message.log_time, message.data)
+
+
+@dataclass
+class _Registry:
+    """Schemas and channels that a file has named so far, and where it says that chunks lie."""
+
+    schemas: dict[int, Any] = field(default_factory=dict)
+    channels: dict[int, Any] = field(default_factory=dict)
+    chunks: list[Any] = field(default_factory=list)
+
+    def add(self, record: Any) -> None:
+        """Take in a record, if it is one of these."""
+        from mcap.records import Channel, ChunkIndex, Schema
+
+        if isinstance(record, Schema):
+            self.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self.channels[record.id] = record
+        elif isinstance(record, ChunkIndex):
+            self.chunks.append(record)
+
+    def find(self, message: Any) -> tuple[Any, Any, Any] | None:
+        """Schema and channel of a message that holds signals of joints."""
+        channel = self.channels.get(message.channel_id)
+        schema = None if channel is None else self.schemas.get(channel.schema_id)
+        if channel is None or schema is None or channel.message_encoding != "cdr":
+            return None
+        return (schema, channel, message) if plain_type(schema.name) in KNOWN else None
+
+
+class _McapFile:
+    def __init__(self, file: KnownLength) -> None:
+        self._file = file
+        self._unpacked = UnpackedSize(file.size)
+
+    def messages(self) -> Iterator[tuple[Any, Any, Any]]:
+        """Schema, channel and message of the messages that hold signals of joints."""
+        summary = self._summary()
+        return self._unindexed() if summary is None or not summary.chunks else self._indexed(summary)
+
+    def _summary(self) -> _Registry | None:
+        """What the end of the file says of all of it; `None` where it says nothing."""
+        from mcap.records import Chunk, Footer
+        from mcap.stream_reader import StreamReader
+
+        file: Any = self._file
+        file.seek(max(file.size - _FOOTER - _MAGIC, 0))
+        footer = next(StreamReader(file, skip_magic=True, emit_chunks=True).records)
+        if not isinstance(footer, Footer):
+            raise ValueError("it does not end with a footer; it was not closed (mcap recover)")
+        if footer.summary_start == 0:
+            return None
+        file.seek(footer.summary_start)
+        summary = _Registry()
+        for record in StreamReader(file, skip_magic=True, emit_chunks=True).records:
+            if isinstance(record, Chunk):
+                raise ValueError("its summary is none (mcap recover)")
+            summary.add(record)
+        return summary
+
+    def _indexed(self, summary: _Registry) -> Iterator[tuple[Any, Any, Any]]:
+        """Read the known messages by their time, chunk by chunk.
+
+        The package's own reader puts every message into a heap, which takes longer than to unpack it, and those of
+        other topics, images among them. Here what is of no later time than all later chunks is given, whole chunks
+        mostly.
+        """
+        from mcap.data_stream import ReadDataStream
+        from mcap.records import Chunk, Message
+
+        wanted = {
+            key
+            for key, channel in summary.channels.items()
+            if channel.schema_id in summary.schemas and plain_type(summary.schemas[channel.schema_id].name) in KNOWN
+        }
+        chunks = sorted(summary.chunks, key=lambda one: (one.message_start_time, one.chunk_start_offset))
+        # A file without indices of messages does not say which channels are in a chunk.
+        chunks = [one for one in chunks if not one.message_index_offsets or wanted & one.message_index_offsets.keys()]
+        kept: list[Any] = []
+        file: Any = self._file
+        for chunk, following in zip(chunks, [*chunks[1:], None], strict=True):
+            file.seek(chunk.chunk_start_offset + _RECORD_HEAD)
+            records = self._unpack(Chunk.read(ReadDataStream(file)))
+            kept += [one for one in records if isinstance(one, Message) and one.channel_id in wanted]
+            kept.sort(key=lambda one: one.log_time)
+            until = len(kept)
+            if following is not None:
+                until = bisect_right(kept, following.message_start_time, key=lambda one: one.log_time)
+            yield from filter(None, map(summary.find, kept[:until]))
+            del kept[:until]
+
+    def _unindexed(self) -> Iterator[tuple[Any, Any, Any]]:
+        """Read the known messages as they stand in the file, and put them in order among their neighbours."""
+        from mcap.records import Chunk, Message
+        from mcap.stream_reader import StreamReader
+
+        file: Any = self._file
+        file.seek(0)
+        registry = _Registry()
+        waiting: list[tuple[int, int, tuple[Any, Any, Any]]] = []
+        number = count()
+        for stored in StreamReader(file, emit_chunks=True).records:
+            for record in self._unpack(stored) if isinstance(stored, Chunk) else [stored]:
+                registry.add(record)
+                known = registry.find(record) if isinstance(record, Message) else None
+                if known is not None:
+                    heapq.heappush(waiting, (record.log_time, next(number), known))
+                if len(waiting) > _AHEAD:
+                    yield heapq.heappop(waiting)[2]
+        while waiting:
+            yield heapq.heappop(waiting)[2]
+
+    def _unpack(self, chunk: Any) -> list[Any]:
+        """The records of a chunk, unpacked within its limits before the package takes them apart."""
+        from mcap.stream_reader import breakup_chunk
+
+        size = chunk.uncompressed_size if chunk.compression else len(chunk.data)
+        check_chunk(size, "A chunk of the file")
+        content = _decompress(chunk.compression, chunk.data, size)
+        if len(content) > size:
+            raise ValueError(f"a chunk unpacks to more than the {size} bytes that it is said to hold")
+        # Counted as it comes: an index may name one chunk many times.
+        self._unpacked.add(len(content))
+        return list(breakup_chunk(replace(chunk, compression="", data=content)))
+
+
+def _decompress(compression: str, data: bytes, size: int) -> bytes:
+    """At most one byte more than `size`."""
+    if compression == "zstd":
+        from zstandard import ZstdDecompressor
+
+        with ZstdDecompressor().stream_reader(data) as stream:
+            content: bytes = stream.read(size + 1)
+            return content
+    if compression == "lz4":
+        from lz4.frame import LZ4FrameDecompressor
+
+        unpacked: bytes = LZ4FrameDecompressor().decompress(data, size + 1)
+        return unpacked
+    return data

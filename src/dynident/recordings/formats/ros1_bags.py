@@ -1,0 +1,85 @@
+"""Bags of ROS 1: their chunks unpack to no more than they are said to."""
+
+from __future__ import annotations
+
+import bz2
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from dynident.recordings.file_limits import LARGEST_CHUNK, UnpackedSize, check_chunk
+from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, check_message, plain_type
+from dynident.recordings.formats.stored import KnownLength
+
+
+def ros1_messages(path: Path) -> Iterator[PackedMessage]:
+    """Give the messages that hold signals of joints, by their time."""
+    with _reader(path) as reader:
+        wanted = [one for one in reader.connections if plain_type(one.msgtype) in KNOWN]
+        if not wanted:
+            return
+        for connection, stamp, data in reader.messages(connections=wanted):
+            check_message(connection.topic, len(data))
+            text = connection.msgdef.data
+            yield PackedMessage(connection.topic, plain_type(connection.msgtype), text, stamp, bytes(data))
+
+
+class _BoundedPath:
+    """What the package opens in place of a path: a file that is not asked for more than it holds."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def exists(self) -> bool:
+        """Whether there is such a file."""
+        return self._path.exists()
+
+    def open(self, mode: str) -> KnownLength:
+        """Open it for reading bytes, whatever the mode."""
+        return KnownLength(self._path.open("rb"))
+
+
+def _reader(path: Path) -> Any:
+    """The package's reader, whose chunks stand in the file once each, and unpack within limits."""
+    from rosbags.rosbag1 import Reader
+    from rosbags.rosbag1.reader import bz2_decompress, lz4_decompress
+
+    unpacked = UnpackedSize(path.stat().st_size)
+    bounded = {bz2_decompress: _unpack_bz2, lz4_decompress: _unpack_lz4}
+
+    class BoundedReader(Reader):  # type: ignore[misc]
+        def read_chunk_info(self) -> Any:
+            info = super().read_chunk_info()
+            if any(info.pos == other for other in positions):
+                raise ValueError(f"two chunks begin at byte {info.pos}")
+            positions.add(info.pos)
+            return info
+
+        def read_chunk(self) -> Any:
+            chunk = super().read_chunk()
+            unpack = bounded.get(chunk.decompressor)
+            if unpack is None:
+                check_chunk(chunk.datasize, "A chunk of the bag")
+                return chunk
+
+            def decompress(data: bytes) -> bytes:
+                content: bytes = unpack(data)
+                check_chunk(len(content), "A chunk of the bag")
+                unpacked.add(len(content))
+                return content
+
+            return chunk._replace(decompressor=decompress)
+
+    positions: set[int] = set()
+    return BoundedReader(_BoundedPath(path))
+
+
+def _unpack_bz2(data: bytes) -> bytes:
+    return bz2.BZ2Decompressor().decompress(data, LARGEST_CHUNK + 1)
+
+
+def _unpack_lz4(data: bytes) -> bytes:
+    from lz4.frame import LZ4FrameDecompressor
+
+    content: bytes = LZ4FrameDecompressor().decompress(data, LARGEST_CHUNK + 1)
+    return content

@@ -1,0 +1,234 @@
+"""Meshes in DAE (COLLADA 1.4 and 1.5): the triangles of its scene, in metres."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.arrays import FloatArray
+
+DEEPEST = 100
+"""Elements inside each other, and nodes of a scene; links with their parts take some twenty."""
+_MOST_INSTANCES = 10_000
+_MOST_CORNERS = 10_000_000
+"""Geometries that stand in a scene, and the corners of all of them: each may stand there many times."""
+_PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
+
+
+def triangles_of_dae(content: bytes) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Points (m, 3) in m and triangles (k, 3) of all geometries of the scene, where its nodes place them.
+
+    The direction that a file calls up is not looked at, as with other readers of robots' meshes: a link's axes are
+    those of its mesh.
+
+    Raises
+    ------
+    ValueError
+        The text is no COLLADA, is damaged, or asks for more than a mesh of a robot has.
+    """
+    _check(content)
+    try:
+        root = ElementTree.fromstring(content)
+    except ElementTree.ParseError as error:
+        raise ValueError(f"it is no DAE: {error}") from None
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+    scene = _Scene(root)
+    points: list[FloatArray] = []
+    triangles: list[NDArray[np.intp]] = []
+    corners = count = 0
+    for placement, geometry in scene.instances():
+        count += 1
+        own_points, own_triangles = scene.triangles(geometry)
+        points.append(own_points @ placement[:3, :3].T + placement[:3, 3])
+        triangles.append(own_triangles + corners)
+        corners += len(own_points)
+        if corners > _MOST_CORNERS or count > _MOST_INSTANCES:
+            raise ValueError(f"its scene has more than {_MOST_INSTANCES} parts, or {_MOST_CORNERS} corners")
+    if not points:
+        raise ValueError("it has no triangles")
+    return np.concatenate(points) * scene.metre, np.concatenate(triangles)
+
+
+def _check(content: bytes) -> None:
+    """Refuse what is not COLLADA, has a document type (entities could grow without end), or is too deep."""
+    depth = 0
+    parser = expat.ParserCreate()
+
+    def start(tag: str, _: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth == 1 and tag.rpartition(":")[2] != "COLLADA":
+            raise ValueError(f"it is no DAE: its root element is <{tag[:80]}>, not <COLLADA>")
+        if depth > DEEPEST:
+            raise ValueError(f"it has elements inside more than {DEEPEST} others")
+
+    def end(_: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    def doctype(*_: object) -> None:
+        raise ValueError("it has a document type declaration; remove <!DOCTYPE …>")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        raise ValueError(f"it is no DAE: line {error.lineno}: {expat.ErrorString(error.code)}") from None
+    except LookupError as error:
+        raise ValueError(f"it is no DAE: {error}") from None
+
+
+class _Scene:
+    """The elements of a file by their names, and what of them stands in its scene."""
+
+    def __init__(self, root: Element) -> None:
+        self._root = root
+        self._named = {element.attrib["id"]: element for element in root.iter() if "id" in element.attrib}
+        self._read: dict[str, tuple[FloatArray, NDArray[np.intp]]] = {}
+        unit = root.find("asset/unit")
+        metre = _values("1" if unit is None else unit.attrib.get("meter", "1"), float)
+        self.metre = float(metre[0]) if len(metre) == 1 else np.nan
+        if not 0.0 < self.metre < np.inf:
+            raise ValueError("its unit is no length")
+
+    def instances(self) -> Iterator[tuple[FloatArray, Element]]:
+        """Where the geometries of the scene stand (4, 4); without a scene all stand at the origin."""
+        begin = self._root.find("scene/instance_visual_scene")
+        if begin is None:
+            yield from ((np.eye(4), geometry) for geometry in self._root.iter("geometry"))
+            return
+        waiting = [(self._target(begin, "url", "visual_scene"), np.eye(4), 0)]
+        count = 0
+        while waiting:
+            node, placement, depth = waiting.pop()
+            count += 1
+            if depth > DEEPEST or count > _MOST_INSTANCES:
+                raise ValueError(f"its scene has more than {_MOST_INSTANCES} nodes, or nodes more than {DEEPEST} deep")
+            for child in node:
+                placement = placement @ _transform(child)
+            for child in node:
+                if child.tag == "node":
+                    waiting.append((child, placement, depth + 1))
+                elif child.tag == "instance_node":
+                    waiting.append((self._target(child, "url", "node"), placement, depth + 1))
+                elif child.tag == "instance_geometry":
+                    yield placement, self._target(child, "url", "geometry")
+
+    def triangles(self, geometry: Element) -> tuple[FloatArray, NDArray[np.intp]]:
+        """Points and triangles of a geometry, in its own coordinates."""
+        name = geometry.attrib.get("id", "")
+        if name not in self._read:
+            parts = [
+                self._primitive(primitive)
+                for mesh in geometry.findall("mesh")
+                for primitive in mesh
+                if primitive.tag in _PRIMITIVES
+            ]
+            sizes = np.cumsum([0, *(len(points) for points, _ in parts)])
+            self._read[name] = (
+                np.concatenate([np.empty((0, 3)), *(points for points, _ in parts)]),
+                np.concatenate(
+                    [np.empty((0, 3), np.intp), *(own + at for (_, own), at in zip(parts, sizes, strict=False))]
+                ),
+            )
+        return self._read[name]
+
+    def _primitive(self, element: Element) -> tuple[FloatArray, NDArray[np.intp]]:
+        inputs = element.findall("input")
+        own = next((one for one in inputs if one.attrib.get("semantic") == "VERTEX"), None)
+        if own is None:
+            raise ValueError(f"its <{element.tag}> names no corners")
+        offsets = [int(_values(one.attrib.get("offset", "0"), int)[0]) for one in inputs]
+        width, offset = max(offsets) + 1, offsets[inputs.index(own)]
+        if not 0 <= offset < width <= len(inputs) + 16:
+            raise ValueError(f"its <{element.tag}> has an input with the offset {max(offsets)}")
+        points = self._positions(own)
+        lists = [_values(one.text or "", int)[offset::width] for one in element.findall("p")]
+        triangles = _triangles(element, lists)
+        if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(points)):
+            raise ValueError(f"its <{element.tag}> names corner {int(triangles.max())} of {len(points)}")
+        return points, triangles
+
+    def _positions(self, own: Element) -> FloatArray:
+        vertices = self._target(own, "source", "vertices")
+        position = next((one for one in vertices if one.attrib.get("semantic") == "POSITION"), None)
+        if position is None:
+            raise ValueError("its corners have no positions")
+        source = self._target(position, "source", "source")
+        accessor, array = source.find("technique_common/accessor"), source.find("float_array")
+        if array is None:
+            raise ValueError("its corners have no numbers")
+        numbers = _values(array.text or "", float)
+        named = {} if accessor is None else accessor.attrib
+        stride, first = (
+            int(_values(named.get(key, usual), int)[0]) for key, usual in (("stride", "3"), ("offset", "0"))
+        )
+        if not (3 <= stride <= 64 and 0 <= first <= len(numbers)):
+            raise ValueError(f"its corners stand {stride} numbers apart")
+        count = (len(numbers) - first) // stride
+        return numbers[first : first + count * stride].reshape(count, stride)[:, :3]
+
+    def _target(self, element: Element, attribute: str, tag: str) -> Element:
+        """What stands in this file under the name that an element refers to."""
+        name = element.attrib.get(attribute, "")
+        target = self._named.get(name[1:]) if name.startswith("#") else None
+        if target is None or target.tag != tag:
+            raise ValueError(f"it names {ascii(name[:80])}, and has no <{tag}> of that name")
+        return target
+
+
+def _triangles(element: Element, lists: list[NDArray[np.intp]]) -> NDArray[np.intp]:
+    """Triangles (k, 3) of the corners that the <p> of a primitive list."""
+    empty = np.empty((0, 3), dtype=np.intp)
+    if element.tag == "triangles":
+        return np.concatenate([empty, *(one[: len(one) // 3 * 3].reshape(-1, 3) for one in lists)])
+    if element.tag == "polylist":
+        counts = _values(element.findtext("vcount") or "", int)
+        corners = np.concatenate([np.empty(0, np.intp), *lists])
+        if len(counts) and (counts.min() < 0 or counts.max() > len(corners) or counts.sum() != len(corners)):
+            raise ValueError("its <polylist> has not as many corners as its <vcount> says")
+        lists = np.split(corners, np.cumsum(counts)[:-1]) if len(counts) else []
+    if element.tag == "tristrips":
+        strips = [np.column_stack([one[:-2], one[1:-1], one[2:]]) for one in lists if len(one) > 2]
+        for strip in strips:
+            strip[1::2] = strip[1::2, ::-1]
+        return np.concatenate([empty, *strips])
+    fans = [np.column_stack([np.full(len(one) - 2, one[0]), one[1:-1], one[2:]]) for one in lists if len(one) > 2]
+    return np.concatenate([empty, *fans])
+
+
+def _transform(element: Element) -> FloatArray:
+    """The transform (4, 4) of a <matrix>, <translate>, <rotate> or <scale>; of others the identity."""
+    transform = np.eye(4)
+    sizes = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
+    if element.tag not in sizes:
+        return transform
+    values = _values(element.text or "", float)
+    if len(values) != sizes[element.tag]:
+        raise ValueError(f"its <{element.tag}> has {len(values)} numbers")
+    if element.tag == "matrix":
+        return values.reshape(4, 4)
+    if element.tag == "translate":
+        transform[:3, 3] = values
+    elif element.tag == "scale":
+        transform[:3, :3] = np.diag(values)
+    else:
+        axis, angle = values[:3] / max(float(np.linalg.norm(values[:3])), 1e-300), np.radians(values[3])
+        cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+        transform[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return transform
+
+
+def _values(text: str, kind: type[int] | type[float]) -> NDArray[np.generic]:
+    try:
+        return np.array(text.split(), dtype=np.str_).astype(np.intp if kind is int else np.float64)
+    except (ValueError, OverflowError):
+        raise ValueError(f"it has {ascii(text.strip()[:40])}, where numbers are expected") from None

@@ -1,0 +1,101 @@
+"""A file that cannot hold all of a model holds the best one that it can, and says how good that is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from made_up import PLAIN, FloatArray, measured
+from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
+from test_links_and_joints import moving, torque_of_mjcf, torque_of_urdf
+
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.export import ExportedFile, export_model, to_mjcf, to_urdf
+from dynident.export.projection import FREE, is_free
+from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.recordings import Preprocessing
+
+ROBOT = arm("scara")
+CURVED = EffectChoice("viscous_nonlinear", shape=(("p", 2.0),))
+
+
+def measured_torque(motion: Motion, seed: int) -> FloatArray:
+    """What a robot needs whose viscous friction bends upward, with a little noise."""
+    tau = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq)
+    tau = tau + 2.0 * np.sign(motion.dq) + 1.5 * motion.dq + 3.0 * motion.dq * np.abs(motion.dq) + 0.05 * motion.ddq
+    return tau + np.random.default_rng(seed).normal(0.0, 0.02, tau.shape)
+
+
+@cache
+def held_out_motion() -> Motion:
+    return fourier_motion(ROBOT, 15.0, 200.0, 2)
+
+
+@cache
+def model_of(*effects: EffectChoice | str, estimator: str = "wls") -> Identification:
+    motions = (fourier_motion(ROBOT, 15.0, 200.0, 1), held_out_motion())
+    fit, held_out = (record(ROBOT, motion, measured_torque(motion, k)) for k, motion in enumerate(motions))
+    chosen = tuple(EffectChoice(effect) if isinstance(effect, str) else effect for effect in effects)
+    choices = IdentificationChoices(chosen, estimator=estimator, preprocessing=Preprocessing(20.0, 20.0, 3))
+    return identify(ROBOT, [fit], [held_out], choices)
+
+
+def error_of_reader(file: ExportedFile) -> float:
+    """The relative error on held-out data of torque that Pinocchio or MuJoCo computes from a file."""
+    motion, text = held_out_motion(), file.content.decode()
+    if file.name.endswith(".urdf"):
+        torque = torque_of_urdf(text, np.asarray(ROBOT.gravity), motion)
+    else:
+        torque = torque_of_mjcf(text, motion)
+    rows, expected = moving(motion), measured_torque(motion, 1)
+    return float(np.linalg.norm((torque - expected)[rows]) / np.linalg.norm(expected[rows]))
+
+
+def stated_errors(file: ExportedFile) -> tuple[float, float]:
+    """The errors of the file and of the model that the file states at its head."""
+    found = re.search(r"of this file \(and of the model\): ([\d.]+)% \(([\d.]+)%\)", file.content.decode())
+    assert found is not None
+    return float(found[1]) / 100, float(found[2]) / 100
+
+
+@pytest.mark.parametrize("write", [to_urdf, to_mjcf])
+def test_what_a_file_cannot_hold_is_folded_into_what_it_can(write: Callable[[Identification], ExportedFile]) -> None:
+    first, better = model_of(*PLAIN), model_of(*PLAIN, CURVED)
+    file = write(better)
+    assert error_of_reader(file) == pytest.approx(error_of_reader(write(first)), rel=0.02)
+    # Nobody would have reached it by leaving the term out: the better model has less viscous friction than the first.
+    viscous = [{c.name: v for c, v in zip(m.model.kept, m.values, strict=True)}["Fv1"] for m in (first, better)]
+    assert viscous[1] < 0.8 * viscous[0]
+
+
+@pytest.mark.parametrize("write", [to_urdf, to_mjcf])
+def test_the_error_that_a_file_states_is_what_its_reader_finds(write: Callable[[Identification], ExportedFile]) -> None:
+    better = model_of(*PLAIN, CURVED)
+    file = write(better)
+    of_file, of_model = stated_errors(file)
+    assert of_file == pytest.approx(error_of_reader(file), rel=0.1)
+    assert of_model == pytest.approx(better.held_out_moving.relative_total, abs=6e-5)
+    assert of_file > 1.25 * of_model
+    assert any("C code, CasADi functions and JSON hold all of it" in note for note in file.notes)
+
+
+def test_a_file_that_holds_the_whole_model_warns_of_nothing() -> None:
+    file = export_model(model_of(*PLAIN), "urdf")
+    of_file, of_model = stated_errors(file)
+    assert of_file <= FREE * of_model
+    assert not any("Warning" in note for note in file.notes)
+
+
+def test_bodies_that_can_exist_are_free_where_they_predict_held_out_data_as_well() -> None:
+    model = model_of(*PLAIN)
+    assert is_free(model, model.values)
+    assert not is_free(model, 1.2 * model.values)
+
+
+def test_without_held_out_data_nobody_knows_what_feasibility_costs() -> None:
+    with pytest.raises(DynidentError, match="no bodies that can exist"):
+        to_urdf(measured("ur10", noise=2.0))
