@@ -251,6 +251,29 @@ def test_a_recording_with_most_of_a_signal_missing_is_refused_by_name(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("rate", [100.0, 500.0])
+def test_rows_in_which_the_drives_are_off_are_told_and_not_used(rate):
+    t, values = arm_signals(51, rate, 40.0)
+    off = slice(round(12 * rate), round(19 * rate))
+    values[off, :N] = values[off.start, :N]
+    values[off, N:] = 0.0
+    right, checks = conditioned(t, values)
+    check = checks["idle_drives"]
+    assert (check.status, check.row) == ("warning", off.start + 1)
+    assert f"{off.stop - off.start} rows" in check.detail
+    assert np.isnan(right[off, N:]).all()
+    np.testing.assert_array_equal(np.delete(right, off, axis=0), np.delete(values, off, axis=0))
+    assert checks["corrupted_samples"].status == "ok"
+
+
+def test_torques_that_fade_out_to_nothing_are_those_of_drives_that_are_on():
+    t, values = arm_signals(52, 200.0, 40.0)
+    fade = np.clip(np.abs(t - 20.0) - 4.0, 0.0, 1.0)
+    values[:, N:] *= (3.0 * fade**2 - 2.0 * fade**3)[:, None]
+    _, checks = conditioned(t, values)
+    assert checks["idle_drives"].status == "ok"
+
+
 def real_files() -> list[Path]:
     return sorted(DATA.glob("*/*.parquet"))
 

@@ -62,6 +62,7 @@ class _Guesser:
         self.named = read_names(sample.names, sample.units)
         self.alive = changing(sample.values) if len(sample.values) else np.zeros(len(sample.names), dtype=bool)
         kind: EffortKind = "unknown"
+        self._set_aside()
         clock = self._clock()
         if clock is None:
             return self._done(kind)
@@ -101,6 +102,13 @@ class _Guesser:
 
     def _ask(self, name: str, detail: str, choices: tuple[str, ...] = ()) -> None:
         self.questions.append(Question(name, detail, choices))
+
+    def _set_aside(self) -> None:
+        """Say which columns hold no numbers at all."""
+        empty = np.flatnonzero(~np.isfinite(self.sample.values).any(axis=0)) if len(self.sample.values) else ()
+        if len(empty):
+            names = ", ".join(self.sample.names[column] for column in empty)
+            self._say("columns", names, 0.9, "not used: no row of them holds a number")
 
     def _clock(self) -> Clock | None:
         names, values = self.sample.names, self.sample.values

@@ -73,9 +73,9 @@ class BridgedGaps:
         for index in np.flatnonzero(missing.any(axis=0)):
             column = int(needed[index])
             bridge(window.t, window.values[:, column], window.run, rows_bridged, smooth=bool(signals.smooth[column]))
-            own = window.own_rows(np.flatnonzero(np.isnan(window.values[:, column])))
+            own = window.own_rows(np.flatnonzero(np.isnan(window.values[:, column]) & ~window.unused))
             self._found.add(column, own, window.t[own - 1 - window.first_row])
-        lost = np.isnan(window.values[window.own][:, needed]).any(axis=1)
+        lost = np.isnan(window.values[window.own][:, needed]).any(axis=1) & ~window.unused[window.own]
         self._n_lost += int(lost.sum())
 
     def checks(self) -> list[Check]:

@@ -23,7 +23,8 @@ class Window:
     """Consecutive rows: t (m,), segment (m,) and values (m, c), which steps change in place.
 
     `first_row` counts data rows from 0. `own` are the rows that this window decides on; the others belong to the
-    windows beside it. `run` (m,) numbers the stretches without a gap in time.
+    windows beside it. `run` (m,) numbers the stretches without a gap in time; `unused` (m,)
+    are rows of which a step has said that nothing is to be learned from them.
     """
 
     first_row: int
@@ -32,6 +33,7 @@ class Window:
     values: FloatArray
     own: slice
     run: IntArray
+    unused: BoolArray
 
     def own_rows(self, rows: IntArray) -> IntArray:
         """Give those of the window's rows that it decides on, as data rows counted from 1."""
@@ -71,9 +73,10 @@ def _window(rows: RawRows, first_row: int, start: int, stop: int, base: TimeBase
     steps = np.diff(rows.t)
     breaks = (steps > base.gap) | (steps < 0.0) | (np.diff(rows.segment) != 0)
     run = np.concatenate([[0], np.cumsum(breaks)]).astype(np.int64)
+    unused = np.zeros(len(rows.t), dtype=bool)
     # A copy: what is read may be a view of the file's own memory, or be looked at again by the next window.
     values = np.array(rows.values, dtype=np.float64)
-    return Window(first_row, rows.t, rows.segment, values, slice(start - first_row, stop - first_row), run)
+    return Window(first_row, rows.t, rows.segment, values, slice(start - first_row, stop - first_row), run, unused)
 
 
 def row_edges(marks: BoolArray) -> tuple[IndexArray, IndexArray]:
