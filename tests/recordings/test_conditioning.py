@@ -274,6 +274,26 @@ def test_torques_that_fade_out_to_nothing_are_those_of_drives_that_are_on():
     assert checks["idle_drives"].status == "ok"
 
 
+@pytest.mark.parametrize(("rate", "hold"), [(500.0, 10), (200.0, 4), (1000.0, 2)])
+def test_samples_that_are_held_are_told_with_their_true_rate_and_interpolated(rate, hold):
+    t, values = arm_signals(53, rate, 20.0)
+    held = values[np.arange(len(t)) // hold * hold]
+    right, checks = conditioned(t, held)
+    check = checks["held_samples"]
+    assert check.status == "warning"
+    assert f"comes about {rate / hold:.3g} times a second" in check.detail
+    inner = slice(2 * hold, -3 * hold)
+    assert np.abs(right - values)[inner, :N].max() < 0.05 * np.abs(held - values)[inner, :N].max()
+
+
+def test_a_robot_that_stands_without_noise_holds_nothing():
+    t, values = arm_signals(54, 200.0, 20.0, level=0.0)
+    values[1500:2500] = values[1500]
+    right, checks = conditioned(t, values)
+    assert checks["held_samples"].status == "ok"
+    np.testing.assert_array_equal(right, values)
+
+
 def real_files() -> list[Path]:
     return sorted(DATA.glob("*/*.parquet"))
 
@@ -337,3 +357,29 @@ def test_a_model_from_corrupted_recordings_is_as_good_as_from_clean_ones(tmp_pat
         return model.held_out.relative_total
 
     assert error(spoil=True) <= 1.2 * error(spoil=False)
+
+
+@pytest.mark.parametrize("starts", [(0.0, 0.0, 0.0), (100.0, 40.0, 40.5)])
+@pytest.mark.parametrize("rate", [50.0, 400.0])
+def test_runs_one_behind_the_other_are_told_apart_where_the_time_begins_again(tmp_path, rate, starts):
+    runs = [arm_signals(seed, rate, 10.0 + seed) for seed in (1, 2, 3)]
+    t = np.concatenate([run[0] + start for run, start in zip(runs, starts, strict=True)])
+    values = np.concatenate([run[1] for run in runs])
+    path = write_parquet(tmp_path / "run.parquet", file_columns(t, values))
+    metadata = RecordingMetadata(accept=("torque_sign", "torque_order", "torque_delay"))
+    recording, checks = import_recording(path, tmp_path / "out", JOINTS, metadata=metadata)
+    lengths = [len(run[0]) for run in runs]
+    assert [segment.length for segment in recording.segments] == lengths
+    assert [segment.start_time for segment in recording.segments] == pytest.approx(starts)
+    check = next(check for check in checks if check.name == "time_restarts")
+    assert check.rows == {"t": (lengths[0] + 1, lengths[0] + lengths[1] + 1)}
+    assert len(recording.run_labels) == 3
+
+
+def test_rows_in_the_wrong_order_are_no_runs(tmp_path):
+    t, values = arm_signals(4, 200.0)
+    t[[900, 903]] = t[[903, 900]]
+    path = write_parquet(tmp_path / "run.parquet", file_columns(t, values))
+    with pytest.raises(RecordingError, match="goes back") as caught:
+        import_recording(path, tmp_path / "out", JOINTS)
+    assert caught.value.row == 902

@@ -17,6 +17,7 @@ from dynident.recordings.columns import Column, Layout, find_columns, surplus_co
 from dynident.recordings.conditioning import Conditioning
 from dynident.recordings.formats import open_source
 from dynident.recordings.raw import RawRows, RawSource
+from dynident.recordings.restarts import RestartingSource
 from dynident.recordings.revisions import windows_without
 from dynident.recordings.sampling import RawSample, SampleCollector
 from dynident.recordings.segmenting import Segmenter
@@ -73,8 +74,9 @@ def import_recording(
     """
     metadata = metadata or RecordingMetadata()
     joint_names = tuple(joints.names)
-    source = open_source(Path(source_path), metadata.format)
-    layout, torque_source = find_columns(source.names, joints, metadata)
+    file = open_source(Path(source_path), metadata.format)
+    layout, torque_source = find_columns(file.names, joints, metadata)
+    source = RestartingSource(file)
     destination = Path(destination_path)
     with NamedTemporaryFile(dir=destination.parent, prefix=f".{destination.name}.", delete=False) as unfinished:
         temporary = Path(unfinished.name)
@@ -101,11 +103,12 @@ def import_recording(
                 has_command=bool(layout.q_command),
             )
             sink.describe(recording)
-        surplus = surplus_columns(source.names, joints.n, metadata)
+        surplus = surplus_columns(file.names, joints.n, metadata)
         found = [
             torque_source,
             *([] if surplus is None else [surplus]),
             *time_checks(base, layout.t.source),
+            *source.checks(layout.t.source),
             *conditioning.checks(),
         ]
         checks = run_checks(recording, sample, layout, joints.known_limits, tuple(found), metadata, against)

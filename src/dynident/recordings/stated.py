@@ -41,7 +41,7 @@ EFFORT_KINDS = OneOf(
     Choice("unknown", "not known"),
 )
 
-ConditioningStep = Literal["idle_drives", "corrupted_samples", "wrapped_angles"]
+ConditioningStep = Literal["held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]
 """What is put right in a recording unless it is said that it is right."""
 
 DELAY = "torque_delay"
@@ -87,7 +87,7 @@ class RecordingMetadata:
     torque_delay: float = said("Seconds by which the file's torque is late", default=0.0)
     accept: tuple[str, ...] = said("Names of checks whose errors are to count as warnings", default=())
     skip: tuple[ConditioningStep, ...] = said(
-        "Steps of conditioning that are not taken: what looks switched off, corrupted or wrapped is right",
+        "Steps of conditioning that are not taken: what looks held, switched off, corrupted or wrapped is right",
         default=(),
     )
     permutation: Mapping[Axis, tuple[int, ...]] = said(

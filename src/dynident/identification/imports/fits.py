@@ -11,6 +11,7 @@ from dynident.identification.mistakes.search import Finding, left_of, mistakes_o
 from dynident.identification.mistakes.swaps import Motion
 from dynident.recordings import Check, JointLimits, RecordedJoints, recording_from_arrays
 from dynident.recordings.importing import condition_arrays
+from dynident.recordings.restarts import RestartLabels
 from dynident.robot import Robot
 
 FEWEST_ROWS = 200
@@ -24,7 +25,7 @@ class Fits:
     def __init__(self, robot: Robot, t: FloatArray, segment: FloatArray | None = None) -> None:
         self.robot = robot
         self._t = t
-        self._segment = None if segment is None else segment.astype(np.int64)
+        self._segment = RestartLabels().label(0, t) if segment is None else segment.astype(np.int64)
 
     def motion(self, q: FloatArray, tau: FloatArray) -> Motion | None:
         """Filtered rows of positions (m, n) in rad or m, torques (m, n) in any unit; None where there are too few."""
@@ -33,7 +34,7 @@ class Fits:
         try:
             q, tau, _ = self.condition(q, tau)
             good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
-            segment = None if self._segment is None else self._segment[good]
+            segment = self._segment[good]
             recording = recording_from_arrays(
                 self._t[good], q[good], tau[good], joint_names=self.robot.joint_names, segment=segment
             )

@@ -8,6 +8,7 @@ from typing import Protocol
 from dynident.recordings.columns import Layout
 from dynident.recordings.conditioning.bridging import BridgedGaps, MissingValues
 from dynident.recordings.conditioning.corrupted import CorruptedSamples
+from dynident.recordings.conditioning.held import HeldSamples
 from dynident.recordings.conditioning.idle import IdleDrives
 from dynident.recordings.conditioning.signals import Signals
 from dynident.recordings.conditioning.windows import Window, overlapping_windows
@@ -32,7 +33,7 @@ class Step(Protocol):
 
 
 STEPS: dict[str, Callable[[Signals], Step]] = {
-    step.name: step for step in (MissingValues, IdleDrives, CorruptedSamples, WrappedAngles, BridgedGaps)
+    step.name: step for step in (MissingValues, HeldSamples, IdleDrives, CorruptedSamples, WrappedAngles, BridgedGaps)
 }
 """The steps in their order: what is missing or corrupted must not be taken for a turn, and what they leave open is
 bridged at the end."""
