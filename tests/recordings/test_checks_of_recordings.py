@@ -81,25 +81,25 @@ def test_time_that_is_no_number_is_refused_with_the_row(tmp_path):
 
 @pytest.mark.parametrize("name", ["q2", "tau3"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_what_is_no_number_is_refused_with_column_row_and_time(tmp_path, name, value):
+def test_what_is_no_number_is_told_with_column_row_and_time(tmp_path, name, value):
     def spoil(values):
         values[1234] = value
         return values
 
-    error = refused(tmp_path, changed(name, spoil))
-    assert (error.pointer, error.row) == (name, 1235)
-    assert error.time == pytest.approx(1234 / 200)
+    check = found(tmp_path, changed(name, spoil), "missing_values")
+    assert (check.status, check.column, check.row) == ("warning", name, 1235)
+    assert check.time == pytest.approx(1234 / 200)
 
 
 @pytest.mark.parametrize("value", [1e200, -1e31])
-def test_what_no_sensor_gives_is_refused_with_its_value(tmp_path, value):
+def test_what_no_sensor_gives_is_refused_where_most_of_a_signal_is_it(tmp_path, value):
     def spoil(values):
         values[400:] = value
         return values
 
     error = refused(tmp_path, changed("tau2", spoil))
     assert (error.pointer, error.row) == ("tau2", 401)
-    assert f"{value:.3g}, which no sensor gives" in error.detail
+    assert "2600 of 3000 rows are left out" in error.detail
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])

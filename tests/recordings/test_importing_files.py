@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
@@ -27,6 +28,7 @@ from dynident.recordings import (
     open_recording,
     recording_from_arrays,
 )
+from dynident.recordings.formats import open_source
 from dynident.recordings.resampling import Resampler
 
 
@@ -178,16 +180,40 @@ def test_a_file_that_cannot_be_read_says_why(tmp_path, content, words):
     assert [left.name for left in tmp_path.iterdir()] == ["run.bin"]
 
 
-def test_text_in_a_number_is_named_by_column_and_row(tmp_path):
-    path = write_csv(tmp_path / "run.csv", motion(500))
+def test_a_word_in_a_column_of_numbers_is_bridged_and_named_by_column_and_row(tmp_path):
+    path = write_csv(tmp_path / "run.csv", motion(2000))
     lines = path.read_text().splitlines()
     fields = lines[43].split(",")
     fields[list(motion(2)).index("tau1")] = "oops"
     lines[43] = ",".join(fields)
     path.write_text("\n".join(lines))
-    with pytest.raises(RecordingError, match="'oops' in column tau1, row 43") as caught:
-        imported(path)
-    assert (caught.value.pointer, caught.value.row) == ("tau1", 43)
+    recording, checks = imported(path)
+    check = next(check for check in checks if check.name == "missing_values")
+    assert (check.column, check.row, check.rows) == ("tau1", 43, {"tau1": (43,)})
+    assert recording.n_samples == 2000
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_columns_of_words_beside_the_signals_are_ignored(tmp_path, suffix):
+    columns = {name: values for name, values in motion(30_000).items() if values.ndim == 1}
+    words = np.where(np.arange(30_000) % 700 < 300, "IDLE", "RUNNING")
+    # Words that begin after the first block of the file, too.
+    late = np.where(np.arange(30_000) < 25_000, "1", "fault")
+    plain = {name: columns[name] for name in ("t", "q1", "q2", "q3", "tau1", "tau2", "tau3")}
+    table = pa.table({**plain, "mode": words, "code": late})
+    if suffix == "csv":
+        pacsv.write_csv(table, tmp_path / "run.csv")
+    else:
+        pq.write_table(table, tmp_path / "run.parquet")
+    source = open_source(tmp_path / f"run.{suffix}", None)
+    values = np.concatenate(list(source.blocks()))
+    assert values.shape == (30_000, 9)
+    assert np.isnan(values[:, 7]).all()
+    assert (np.isnan(values[:, 8]) == (np.arange(30_000) >= 25_000)).all()
+    np.testing.assert_array_equal(values[:, 1], columns["q1"])
+    recording, checks = imported(tmp_path / f"run.{suffix}")
+    assert recording.n_samples == 30_000
+    assert next(check for check in checks if check.name == "missing_values").status == "ok"
 
 
 def test_jitter_is_resampled_onto_a_uniform_grid(tmp_path):

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from dynident.desk.robots import load_robot
 from dynident.desk.robots import with_gains as set_gains
@@ -31,10 +31,12 @@ from dynident_service.cli.terminal import progress_bar
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.
     from dynident.advice import AdvisedDiagnosis
+    from dynident.recordings.stated import ConditioningStep
 
 # How the contract words it, and the same in the words of the command line.
 _REWORDED = (
     (re.compile(r'say "accept": \["(\w+)"\]'), r"say --accept \1"),
+    (re.compile(r'say "skip": \["(\w+)"\]'), r"say --skip \1"),
     (re.compile(r'"windows": \[\[([^,\]]+), ([^,\]]+)\]\]'), r"--windows {name}=\1:\2"),
     (re.compile(r'"units": \{"(\w+)": "([^"]+)"\}'), r"--units \1=\2"),
     (re.compile(r'Name it by columns, \{"(\w+)": "…"\}'), r"Name it by --columns \1=…"),
@@ -107,6 +109,7 @@ def loaded(
                 role="friction" if path in friction else None,
                 windows=windows.get(name, said.windows),
                 accept=tuple(reading.accept),
+                skip=(*said.skip, *(cast("ConditioningStep", name) for name in reading.skip)),
             )
             share = part(progress, index / len(everything), (index + 1) / len(everything))
             found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=reading.cure))

@@ -120,6 +120,14 @@ class Reading:
         list[str],
         several("--accept", metavar="CHECK", help="Treat the errors of this check as warnings; may be repeated."),
     ] = field(default_factory=list)
+    skip: Annotated[
+        list[str],
+        several(
+            "--skip",
+            metavar="STEP",
+            help="Do not put right what looks wrong: held_samples, idle_drives, corrupted_samples, wrapped_angles; may be repeated.",
+        ),
+    ] = field(default_factory=list)
     metadata: Annotated[
         list[str],
         several(

@@ -30,6 +30,9 @@ class CheckView(Shown):
     column: str = Field(default="", description="Of the file")
     row: int | None = Field(default=None, description="Data row of the file, from 1")
     time: float | None = Field(default=None, description="Seconds of t")
+    rows: dict[str, list[int]] = Field(
+        default_factory=dict, description="By column of the file, its data rows, from 1; the first thousand of each"
+    )
     apply: RevisionRequest | None = Field(
         default=None,
         description="What cures it, where that is known: a body for POST /v1/measurements/{id}/revisions; of a file "

@@ -24,6 +24,7 @@ from dynident.robot import Robot
 # How the checks word it for a request over HTTP, and the same as arguments of Python.
 _REWORDED = (
     (re.compile(r'say "accept": \[("\w+")\]'), r"say metadata=dy.RecordingMetadata(accept=(\1,))"),
+    (re.compile(r'say "skip": \[("\w+")\]'), r"say metadata=dy.RecordingMetadata(skip=(\1,))"),
     (re.compile(r'"units": (\{[^}]*\})'), r"units=\1"),
     (re.compile(r'Name it by columns, (\{"\w+": "…"\})'), r"Name it by columns=\1"),
     (re.compile(r'say "role": "(\w+)" for'), r'say metadata=dy.RecordingMetadata(role="\1") for'),

@@ -10,12 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray
 
 READ_BYTES = 1 << 16
+_NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 
 
 def streamed_parquet(path: Path) -> pq.ParquetFile:
@@ -59,3 +61,11 @@ def to_numbers(column: pa.ChunkedArray) -> NDArray[np.generic]:
 def as_floats(column: pa.ChunkedArray) -> FloatArray:
     """Give a table's column as float64, read-only where it is that already; `ValueError` where values are missing."""
     return np.asarray(to_numbers(column), dtype=np.float64)
+
+
+def numbers_of_text(column: pa.Array, decimal_point: str = ".") -> pa.Array:
+    """Give a column of text as float64; what is no number is missing."""
+    text = pc.utf8_trim_whitespace(column)
+    if decimal_point != ".":
+        text = pc.replace_substring(text, decimal_point, ".")
+    return pc.if_else(pc.match_substring_regex(text, _NUMBER), text, None).cast(pa.float64())

@@ -14,11 +14,13 @@ from dynident.arrays import FloatArray, IntArray
 from dynident.progress import Progress, part, silent
 from dynident.recordings.checks import run_checks
 from dynident.recordings.columns import Column, Layout, find_columns, surplus_columns
-from dynident.recordings.conditioning import Conditioner
+from dynident.recordings.conditioning import Conditioning
 from dynident.recordings.formats import open_source
 from dynident.recordings.raw import RawRows, RawSource
+from dynident.recordings.restarts import RestartingSource
 from dynident.recordings.revisions import windows_without
 from dynident.recordings.sampling import RawSample, SampleCollector
+from dynident.recordings.segmenting import Segmenter
 from dynident.recordings.sinks import ArraySink, ParquetSink
 from dynident.recordings.sources import ArraySource, ParquetSource
 from dynident.recordings.stated import RecordingMetadata, Windows
@@ -72,8 +74,9 @@ def import_recording(
     """
     metadata = metadata or RecordingMetadata()
     joint_names = tuple(joints.names)
-    source = open_source(Path(source_path), metadata.format)
-    layout, torque_source = find_columns(source.names, joints, metadata)
+    file = open_source(Path(source_path), metadata.format)
+    layout, torque_source = find_columns(file.names, joints, metadata)
+    source = RestartingSource(file)
     destination = Path(destination_path)
     with NamedTemporaryFile(dir=destination.parent, prefix=f".{destination.name}.", delete=False) as unfinished:
         temporary = Path(unfinished.name)
@@ -81,8 +84,9 @@ def import_recording(
         base = scan_time(source, layout, metadata.windows, part(progress, 0.0, 0.2))
         used = windows_without(metadata.windows, metadata.exclude, base.first, base.last)
         with ParquetSink(temporary, joint_names, layout.kinds) as sink:
+            conditioning = Conditioning(layout, joints.known_limits, base, metadata.skip)
             segments, sample = _convert(
-                source, layout, base, replace(metadata, windows=used), sink, part(progress, 0.2, 0.8)
+                source, layout, base, replace(metadata, windows=used), sink, part(progress, 0.2, 0.8), conditioning
             )
             recording = Recording(
                 name=metadata.name,
@@ -99,8 +103,14 @@ def import_recording(
                 has_command=bool(layout.q_command),
             )
             sink.describe(recording)
-        surplus = surplus_columns(source.names, joints.n, metadata)
-        found = [torque_source, *([] if surplus is None else [surplus]), *time_checks(base, layout.t.source)]
+        surplus = surplus_columns(file.names, joints.n, metadata)
+        found = [
+            torque_source,
+            *([] if surplus is None else [surplus]),
+            *time_checks(base, layout.t.source),
+            *source.checks(layout.t.source),
+            *conditioning.checks(),
+        ]
         checks = run_checks(recording, sample, layout, joints.known_limits, tuple(found), metadata, against)
         progress(1.0, "stored")
         os.replace(temporary, destination)
@@ -173,7 +183,7 @@ def recording_from_arrays(
     metadata = RecordingMetadata(name=name, windows=windows)
     base = scan_time(source, layout, windows)
     sink = ArraySink()
-    segments, _ = _convert(source, layout, base, metadata, sink, silent, sampled=False)
+    segments, _ = _convert(source, layout, base, metadata, sink, silent)
     values = sink.values()
     q, tau = (values[:, layout.place(kind)] for kind in ("q", "tau"))
     optional = ((kind, getattr(layout, kind)) for kind in ("temperature", "wrench", "q_command"))
@@ -189,6 +199,38 @@ def recording_from_arrays(
         has_wrench=further.wrench is not None,
         has_command=further.command is not None,
     )
+
+
+def condition_arrays(
+    t: FloatArray, q: FloatArray, tau: FloatArray, joints: RecordedJoints, segment: IntArray | None = None
+) -> tuple[FloatArray, FloatArray, tuple[Check, ...]]:
+    """Put right what a file's rows are put right in before its checks.
+
+    Parameters
+    ----------
+    t : (m,) in s
+    q, tau : (m, n) in rad or m, and in N m or N
+    joints : RecordedJoints
+    segment : (m,) integers, optional
+        Tells separate runs apart.
+
+    Returns
+    -------
+    q, tau : (m, n)
+        NaN where a sample is missing and cannot be bridged.
+    checks : tuple of Check
+        What was found.
+
+    Raises
+    ------
+    RecordingError
+        For unsorted time.
+    """
+    source = _Arrays(t, q, tau, segment, tuple(joints.names), NO_FURTHER_COLUMNS)
+    layout = source.layout
+    conditioning = Conditioning(layout, joints.known_limits, scan_time(source, layout, ()))
+    values = np.concatenate([rows.values for rows in conditioning.condition(source.rows(layout))])
+    return values[:, layout.place("q")], values[:, layout.place("tau")], conditioning.checks()
 
 
 def scan_time(source: RawSource, layout: Layout, windows: Windows, progress: Progress = silent) -> TimeBase:
@@ -217,24 +259,27 @@ def _convert(
     metadata: RecordingMetadata,
     sink: ParquetSink | ArraySink,
     progress: Progress,
-    *,
-    sampled: bool = True,
+    conditioning: Conditioning | None = None,
 ) -> tuple[tuple[Segment, ...], RawSample]:
-    """Second pass: condition the rows and write them; keep a bounded sample of the raw rows for the checks."""
-    conditioner = Conditioner(layout, base, metadata.windows, metadata.torque_delay)
+    """Second pass: condition the rows and write them; keep a bounded sample of what was conditioned for the checks."""
+    segmenter = Segmenter(layout, base, metadata.torque_delay)
     collector = SampleCollector(base.n_rows, len(layout.q), layout.kinds)
-    for rows in source.rows(layout):
-        if sampled:
+    blocks = source.rows(layout)
+    for rows in blocks if conditioning is None else conditioning.condition(blocks):
+        if conditioning is not None:
             collector.feed(rows, inside(rows.t, metadata.windows))
-        for values in conditioner.push(rows):
+        for values in segmenter.push(rows):
             sink.write(values)
         progress((rows.first_row + len(rows.t)) / base.n_rows, "reading the samples")
-    for values in conditioner.finish():
+    for values in segmenter.finish():
         sink.write(values)
-    segments = conditioner.segments()
+    segments = segmenter.segments()
     if not segments:
+        checks = () if conditioning is None else conditioning.checks()
+        missing = "".join(f" {check.detail}" for check in checks if check.status == "error")
         raise RecordingError(
-            f"No stretch of the recording holds enough consecutive samples to be filtered ({base.n_rows} rows).",
+            f"No stretch of the recording holds enough consecutive samples to be filtered ({base.n_rows} rows)."
+            f"{missing}",
             pointer=layout.t.source,
             title="Too short",
         )

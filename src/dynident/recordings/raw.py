@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.arrays import FloatArray, IntArray
-from dynident.recordings.arrow import to_floats
+from dynident.recordings.arrow import numbers_of_text, to_floats
 from dynident.recordings.columns import Layout
 from dynident.recordings.file_limits import TITLE, check_columns
 from dynident.recordings.types import RecordingError
@@ -104,7 +104,14 @@ def floats_of(batch: pa.RecordBatch, name: str, first_row: int) -> FloatArray:
         if pa.types.is_timestamp(kind):
             column = column.cast(pa.timestamp("ns")).cast(pa.int64())
             return to_floats(column.cast(pa.float64(), safe=False)) * 1e-9
-        if not pa.types.is_float64(kind):
+        if pa.types.is_dictionary(kind):
+            column, kind = column.dictionary_decode(), kind.value_type
+        if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+            # Words beside the signals, or in the place of single values.
+            column = numbers_of_text(column)
+        elif pa.types.is_boolean(kind):
+            column = column.cast(pa.uint8()).cast(pa.float64())
+        elif not pa.types.is_float64(kind):
             column = column.cast(pa.float64(), safe=False)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
         raise RecordingError(

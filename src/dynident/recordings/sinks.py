@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from dynident.arrays import FloatArray
 from dynident.recordings.arrow import from_numbers
-from dynident.recordings.conditioning import GridRows
+from dynident.recordings.segmenting import GridRows
 from dynident.recordings.sources import METADATA_KEY, describe, stored_columns
 from dynident.recordings.types import Recording
 

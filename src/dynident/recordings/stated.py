@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from math import isfinite
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal, TypedDict, get_args
 
 from dynident.asking import Choice, OneOf, anew, said
 from dynident.errors import DynidentError
@@ -41,6 +41,9 @@ EFFORT_KINDS = OneOf(
     Choice("unknown", "not known"),
 )
 
+ConditioningStep = Literal["held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]
+"""What is put right in a recording unless it is said that it is right."""
+
 DELAY = "torque_delay"
 """Name of the check, and of the field, that is about the torque's delay against the positions."""
 
@@ -61,7 +64,8 @@ class RecordingMetadata:
     Columns and units are told before `permutation` ({"tau": (2, 1, 3)}), `signs` and `scale`, in which "q2" or
     "q_<joint>" means one joint and "q" all of them. `windows` and `exclude` are pairs (from, to) in s; `torque_delay`:
     the torque is read so much later than the positions of its row. `payload` is kept as it came. What checks in
-    `accept` find is told as warnings, whatever it is: the user knows better.
+    `accept` find is told as warnings, whatever it is: the user knows better. Steps of conditioning in `skip`
+    are not taken.
 
     Raises
     ------
@@ -82,6 +86,10 @@ class RecordingMetadata:
     payload: Mapping[str, Any] | None = said('The known load: {"mass": kg, "centre": [x, y, z] in m}', default=None)
     torque_delay: float = said("Seconds by which the file's torque is late", default=0.0)
     accept: tuple[str, ...] = said("Names of checks whose errors are to count as warnings", default=())
+    skip: tuple[ConditioningStep, ...] = said(
+        "Steps of conditioning that are not taken: what looks held, switched off, corrupted or wrapped is right",
+        default=(),
+    )
     permutation: Mapping[Axis, tuple[int, ...]] = said(
         'Of "q" (with velocities and commands) or "tau" (or currents): at place k the number, from 1, of joint k\'s '
         "column",
@@ -107,6 +115,13 @@ class RecordingMetadata:
                 "Give columns with the torque, or the current, that the motors were measured to make.",
                 "/effort_kind",
                 "No measured torque",
+            )
+        unknown = [name for name in self.skip if name not in get_args(ConditioningStep)]
+        if unknown:
+            raise _unusable(
+                f"skip names {unknown[0]!r}, which is no step that can be left out; there are "
+                f"{', '.join(get_args(ConditioningStep))}.",
+                "/skip",
             )
         if not abs(self.torque_delay) <= 1.0:
             raise _unusable(
@@ -160,6 +175,7 @@ class Revision:
     scale: Mapping[str, float] = anew(RecordingMetadata, "scale", made_by=dict)
     torque_delay: float | None = anew(RecordingMetadata, DELAY, default=None)
     role: Role | None = anew(RecordingMetadata, "role", default=None)
+    skip: tuple[ConditioningStep, ...] | None = anew(RecordingMetadata, "skip", default=None)
     name: str | None = anew(RecordingMetadata, "name", default=None)
 
     def of(self, metadata: RecordingMetadata) -> RecordingMetadata:
@@ -200,6 +216,7 @@ class RevisionFields(TypedDict, total=False):
     scale: Mapping[str, float]
     torque_delay: float | None
     role: Role | None
+    skip: tuple[ConditioningStep, ...] | None
     name: str | None
 
 

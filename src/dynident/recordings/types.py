@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
@@ -86,8 +86,8 @@ class Check:
     """One thing that was looked at in a recording, what was found, and what to do about it.
 
     `column` names the column of the user's file, `row` counts its data rows from 1, `time` is in seconds of t; each
-    is empty or `None` where the finding has no single place. `apply` is what would have to be said of the file instead,
-    where that is known.
+    is empty or `None` where the finding has no single place. `rows` are those of several columns.
+    `apply` is what would have to be said of the file instead, where that is known.
     """
 
     name: str
@@ -97,6 +97,7 @@ class Check:
     row: int | None = None
     time: float | None = None
     apply: Revision | None = None
+    rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
 
 class ModelChecks(Protocol):

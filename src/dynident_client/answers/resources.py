@@ -36,6 +36,8 @@ class CheckView(TypedDict):
     name: str
     row: int | None
     """Data row of the file, from 1"""
+    rows: dict[str, list[int]]
+    """By column of the file, its data rows, from 1; the first thousand of each"""
     status: Literal["ok", "warning", "error"]
     time: float | None
     """Seconds of t"""

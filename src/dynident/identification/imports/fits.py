@@ -9,7 +9,9 @@ from dynident.errors import DynidentError
 from dynident.identification.mistakes.gravity import Mounting, other_mounting
 from dynident.identification.mistakes.search import Finding, left_of, mistakes_of, motion_of
 from dynident.identification.mistakes.swaps import Motion
-from dynident.recordings import recording_from_arrays
+from dynident.recordings import Check, JointLimits, RecordedJoints, recording_from_arrays
+from dynident.recordings.importing import condition_arrays
+from dynident.recordings.restarts import RestartLabels
 from dynident.robot import Robot
 
 FEWEST_ROWS = 200
@@ -23,21 +25,30 @@ class Fits:
     def __init__(self, robot: Robot, t: FloatArray, segment: FloatArray | None = None) -> None:
         self.robot = robot
         self._t = t
-        self._segment = None if segment is None else segment.astype(np.int64)
+        self._segment = RestartLabels().label(0, t) if segment is None else segment.astype(np.int64)
 
     def motion(self, q: FloatArray, tau: FloatArray) -> Motion | None:
         """Filtered rows of positions (m, n) in rad or m, torques (m, n) in any unit; None where there are too few."""
         if len(self._t) < FEWEST_ROWS:
             return None
-        good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
-        segment = None if self._segment is None else self._segment[good]
         try:
+            q, tau, _ = self.condition(q, tau)
+            good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
+            segment = self._segment[good]
             recording = recording_from_arrays(
                 self._t[good], q[good], tau[good], joint_names=self.robot.joint_names, segment=segment
             )
             return motion_of(recording)
         except DynidentError:
             return None
+
+    def condition(self, q: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray, tuple[Check, ...]]:
+        """Put right what an import puts right in positions (m, n) in rad or m and torques (m, n), and say what."""
+        limits = [
+            JointLimits(joint.kind, joint.limits.position, joint.limits.velocity, joint.limits.effort)
+            for joint in self.robot.joints
+        ]
+        return condition_arrays(self._t, q, tau, RecordedJoints(self.robot.joint_names, limits), self._segment)
 
     def left(self, q: FloatArray, tau: FloatArray) -> float | None:
         """Share of an average joint's torque that is not explained; None where it cannot be told."""

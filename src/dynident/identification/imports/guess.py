@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.arrays import BoolArray, FloatArray
 from dynident.identification.imports import units as of_units
 from dynident.identification.imports.currents import question_of_gains
 from dynident.identification.imports.effort import classify_effort
@@ -27,6 +28,7 @@ from dynident.identification.imports.proposal import Guess, Proposal, Question
 from dynident.identification.imports.unnamed import Kinds, as_counted, is_in_order, kinds_of, own_torques, whole_signals
 from dynident.identification.imports.words import read_names
 from dynident.recordings.stated import EffortKind
+from dynident.recordings.types import RecordingError
 from dynident.robot import Robot
 
 _SOUND = 0.5
@@ -60,6 +62,7 @@ class _Guesser:
         self.named = read_names(sample.names, sample.units)
         self.alive = changing(sample.values) if len(sample.values) else np.zeros(len(sample.names), dtype=bool)
         kind: EffortKind = "unknown"
+        self._set_aside()
         clock = self._clock()
         if clock is None:
             return self._done(kind)
@@ -85,8 +88,10 @@ class _Guesser:
             return self._done(kind)
         q = self._positions(position, effort)
         if q is not None:
+            q, put_right = self._conditioned(position, effort, q, good)
             self._rates(groups, position, q)
             kind = self._efforts(effort, q, kind)
+            self.guesses += put_right
         return self._done(kind)
 
     def _done(self, kind: EffortKind) -> Proposal:
@@ -97,6 +102,13 @@ class _Guesser:
 
     def _ask(self, name: str, detail: str, choices: tuple[str, ...] = ()) -> None:
         self.questions.append(Question(name, detail, choices))
+
+    def _set_aside(self) -> None:
+        """Say which columns hold no numbers at all."""
+        empty = np.flatnonzero(~np.isfinite(self.sample.values).any(axis=0)) if len(self.sample.values) else ()
+        if len(empty):
+            names = ", ".join(self.sample.names[column] for column in empty)
+            self._say("columns", names, 0.9, "not used: no row of them holds a number")
 
     def _clock(self) -> Clock | None:
         names, values = self.sample.names, self.sample.values
@@ -346,6 +358,29 @@ class _Guesser:
             self.questions += [asked] if asked is not None else []
         self._check(q, tau)
         return kind
+
+    def _conditioned(
+        self, position: Group, effort: Group, q: FloatArray, good: BoolArray
+    ) -> tuple[FloatArray, list[Guess]]:
+        """Put right what an import will in positions (m, n) in rad or m, of the rows with a time, and say what."""
+        raw = self.sample.values[good]
+        positions, efforts = list(position.columns), list(effort.columns)
+        known = np.where(np.isfinite(raw[:, positions]), q, np.nan)
+        try:
+            right, _, checks = self.fits.condition(known, raw[:, efforts])
+        except RecordingError:
+            # What is wrong with the time is asked about elsewhere.
+            return q, []
+        names = dict(zip((f"q_{name}" for name in self.robot.joint_names), positions, strict=True))
+        names |= dict(zip((f"tau_{name}" for name in self.robot.joint_names), efforts, strict=True))
+        put_right = []
+        for check in checks:
+            if check.status != "ok":
+                detail = check.detail
+                for ours, column in names.items():
+                    detail = re.sub(rf"(?<!\w){re.escape(ours)}(?!\w)", self.sample.names[column], detail)
+                put_right.append(Guess(f"rows/{check.name}", "put right", 0.95, detail))
+        return filled(right), put_right
 
     def _effort_unit(
         self, signal: str, tau: FloatArray, effort: Group, gains: list[float | None], reach: float

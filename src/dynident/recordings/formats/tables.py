@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
-from dynident.recordings.arrow import streamed_parquet
+from dynident.recordings.arrow import numbers_of_text, streamed_parquet
 from dynident.recordings.dialects import Dialect, csv_dialect
 from dynident.recordings.file_limits import TITLE, check_columns, check_unpacked, rows_of_block
 from dynident.recordings.lists import list_columns, places_of, spread, spread_names, stored_name
@@ -69,29 +69,65 @@ class CsvFileSource(FileSource):
         self._dialect = csv_dialect(path)
         check_columns(len(self._dialect.names))
         super().__init__(self._dialect.names, self._dialect.units)
+        self._worded: set[str] = set()
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        n_given = 0
+        while True:
+            try:
+                n_skipped = n_given
+                for batch in self._parsed(columns):
+                    rest = batch.slice(min(n_skipped, batch.num_rows))
+                    n_skipped -= batch.num_rows - rest.num_rows
+                    if rest.num_rows:
+                        n_given += rest.num_rows
+                        yield rest
+                return
+            except pa.ArrowInvalid as error:
+                column = _column_of_words(str(error), self._dialect)
+                if column is None or column in self._worded:
+                    raise _csv_error(str(error), self._dialect) from error
+                # Read again: words among the numbers of a column are cells without one.
+                self._worded.add(column)
+
+    def _parsed(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         dialect = self._dialect
-        try:
-            with pacsv.open_csv(
-                self._path,
-                read_options=pacsv.ReadOptions(
-                    column_names=list(dialect.names),
-                    skip_rows=dialect.lines_before_data,
-                    block_size=CSV_BLOCK_BYTES,
-                    use_threads=False,
-                ),
-                parse_options=pacsv.ParseOptions(delimiter=dialect.delimiter),
-                convert_options=pacsv.ConvertOptions(
-                    include_columns=columns,
-                    column_types={name: pa.float64() for name in columns},
-                    null_values=_NULLS,
-                    decimal_point=dialect.decimal_point,
-                ),
-            ) as reader:
-                yield from reader
-        except pa.ArrowInvalid as error:
-            raise _csv_error(str(error), dialect) from error
+        types = {name: pa.string() if name in self._worded else pa.float64() for name in columns}
+        with pacsv.open_csv(
+            self._path,
+            read_options=pacsv.ReadOptions(
+                column_names=list(dialect.names),
+                skip_rows=dialect.lines_before_data,
+                block_size=CSV_BLOCK_BYTES,
+                use_threads=False,
+            ),
+            parse_options=pacsv.ParseOptions(delimiter=dialect.delimiter),
+            convert_options=pacsv.ConvertOptions(
+                include_columns=columns,
+                column_types=types,
+                null_values=_NULLS,
+                decimal_point=dialect.decimal_point,
+            ),
+        ) as reader:
+            for batch in reader:
+                yield self._with_numbers(batch) if self._worded.intersection(columns) else batch
+
+    def _with_numbers(self, batch: pa.RecordBatch) -> pa.RecordBatch:
+        """Give the numbers of columns with words; what is none is missing."""
+        arrays = []
+        for name, column in zip(batch.schema.names, batch.columns, strict=True):
+            if name in self._worded:
+                column = numbers_of_text(column, self._dialect.decimal_point)
+            arrays.append(column)
+        return pa.RecordBatch.from_arrays(arrays, names=batch.schema.names)
+
+
+def _column_of_words(message: str, dialect: Dialect) -> str | None:
+    """Give the column in which pyarrow found something else than a number; None where something else is wrong."""
+    column = re.search(r"CSV column #(\d+)", message)
+    if column is None or "invalid value" not in message:
+        return None
+    return dialect.names[int(column.group(1))]
 
 
 def _csv_error(message: str, dialect: Dialect) -> RecordingError:

@@ -1,4 +1,4 @@
-"""Rows as they were measured, made into uniformly sampled segments: split at gaps, mended where that is safe."""
+"""Conditioned rows, made into uniformly sampled segments: split at gaps."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.columns import Layout
 from dynident.recordings.raw import RawRows
 from dynident.recordings.resampling import ShiftedResampler
-from dynident.recordings.stated import Windows
 from dynident.recordings.timebase import TimeBase
-from dynident.recordings.types import RecordingError, Segment, are_readings, inside
+from dynident.recordings.types import RecordingError, Segment, are_readings
 
 SHORTEST = 8
 """A stretch of fewer samples is left out: it is shorter than any filter."""
@@ -28,18 +27,16 @@ class GridRows(NamedTuple):
     values: FloatArray
 
 
-class Conditioner:
-    """Splits, mends and resamples rows that arrive in order.
+class Segmenter:
+    """Splits and resamples rows that arrive in order.
 
-    A new segment begins where the user's segment changes, after a gap in time, and after rows outside the windows
-    that hold no number (inside the windows those are an error). Rows that repeat the one before are left out.
-    Temperatures hold their last value between readings.
+    A new segment begins where the user's segment changes, after a gap in time, and after rows in which a needed signal
+    holds no number. Rows that repeat the one before are left out. Temperatures hold their last value between readings.
     """
 
-    def __init__(self, layout: Layout, base: TimeBase, windows: Windows, torque_delay: float = 0.0) -> None:
+    def __init__(self, layout: Layout, base: TimeBase, torque_delay: float = 0.0) -> None:
         self._layout = layout
         self._base = base
-        self._windows = windows
         self._torque_delay = torque_delay
         needed = layout.needed
         # A slice where it can be one: picking columns copies them.
@@ -59,8 +56,6 @@ class Conditioner:
         """Take the next rows; give the grid rows that are ready to be stored."""
         values = self._with_temperature(rows.values)
         numbers = np.all(are_readings(values[:, self._needed]), axis=1)
-        if not numbers.all():
-            self._refuse_missing(rows, values, numbers)
         new = self._without_repeats(rows, values)
         t, label = rows.t, rows.segment
         kept = np.flatnonzero(new & numbers)
@@ -162,24 +157,6 @@ class Conditioner:
                     time=float(t[row]),
                 )
         return new
-
-    def _refuse_missing(self, rows: RawRows, values: FloatArray, numbers: BoolArray) -> None:
-        bad = np.flatnonzero(~numbers & inside(rows.t, self._windows))
-        if not len(bad):
-            return
-        row = int(bad[0])
-        needed = self._layout.needed
-        column = int(needed[~are_readings(values[row, needed])][0])
-        name, value = self._layout.columns[column].source, float(values[row, column])
-        held = f"{value:.3g}, which no sensor gives," if np.isfinite(value) else "no number"
-        raise RecordingError(
-            f"Column {name} holds {held} in row {rows.first_row + row + 1} (t = {rows.t[row]:.6g} s). Remove the "
-            "row, which leaves a gap that is filtered around, or repair the value, or choose windows without it.",
-            pointer=name,
-            title="Not a number",
-            row=rows.first_row + row + 1,
-            time=float(rows.t[row]),
-        )
 
     def _with_temperature(self, values: FloatArray) -> FloatArray:
         """Hold the last temperature where a slower thermometer left the rows between its readings empty."""

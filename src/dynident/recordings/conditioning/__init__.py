@@ -1,0 +1,5 @@
+"""What is put right in a recording before anything else looks at it."""
+
+from dynident.recordings.conditioning.stage import STEPS, Conditioning
+
+__all__ = ["STEPS", "Conditioning"]

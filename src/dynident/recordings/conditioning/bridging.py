@@ -1,0 +1,127 @@
+"""Samples that are missing: bridged where that is safe, and their rows left out where it is not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.arrays import FloatArray, IntArray
+from dynident.recordings.conditioning.findings import FoundRows
+from dynident.recordings.conditioning.signals import Signals
+from dynident.recordings.conditioning.windows import Window, row_edges
+from dynident.recordings.types import Check, are_readings
+
+LONGEST_BRIDGE, FEWEST_ROWS = 0.03, 3
+"""s, or rows, of missing samples that are bridged: a cubic through two positions on either side is then off by less
+than encoders resolve, at the frequencies that arms move at. Of longer ones the rows are left out."""
+
+MOST_MISSING = 0.3
+"""Share of the rows without which a recording is not what it is said to be."""
+
+
+class MissingValues:
+    """Takes cells that hold no number, or one that no sensor gives, for missing."""
+
+    name = "missing_values"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._found = FoundRows()
+
+    def apply(self, window: Window) -> None:
+        """Mark them in a window."""
+        needed = np.flatnonzero(self._signals.needed)
+        missing = ~are_readings(window.values[:, needed])
+        for index in np.flatnonzero(missing.any(axis=0)):
+            rows = np.flatnonzero(missing[:, index])
+            window.values[rows, needed[index]] = np.nan
+            own = window.own_rows(rows)
+            self._found.add(int(needed[index]), own, window.t[own - 1 - window.first_row])
+
+    def checks(self) -> list[Check]:
+        """Say which cells those are."""
+        found = self._found
+        if not found.n:
+            return [Check(self.name, "ok", "Every cell that is needed holds a number.")]
+        detail = (
+            f"{found.n} cell{'s hold' if found.n > 1 else ' holds'} no number, or one that no sensor gives: "
+            f"{found.describe(self._signals.sources)}. They are replaced by what lies between their neighbours where "
+            "those are near, and else their rows are left out."
+        )
+        return [found.check(self.name, "warning", detail, self._signals.sources)]
+
+
+class BridgedGaps:
+    """Puts in what lies between their neighbours for short stretches of missing samples."""
+
+    name = "rows_left_out"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._found = FoundRows()
+        self._n_rows = 0
+        self._n_lost = 0
+
+    def apply(self, window: Window) -> None:
+        """Bridge those of a window; what stays missing is left out by those who read it."""
+        signals = self._signals
+        needed = np.flatnonzero(signals.needed)
+        missing = np.isnan(window.values[:, needed])
+        self._n_rows += window.own.stop - window.own.start
+        if not missing.any():
+            return
+        rows_bridged = max(FEWEST_ROWS, round(LONGEST_BRIDGE / signals.step))
+        for index in np.flatnonzero(missing.any(axis=0)):
+            column = int(needed[index])
+            bridge(window.t, window.values[:, column], window.run, rows_bridged, smooth=bool(signals.smooth[column]))
+            own = window.own_rows(np.flatnonzero(np.isnan(window.values[:, column]) & ~window.unused))
+            self._found.add(column, own, window.t[own - 1 - window.first_row])
+        lost = np.isnan(window.values[window.own][:, needed]).any(axis=1) & ~window.unused[window.own]
+        self._n_lost += int(lost.sum())
+
+    def checks(self) -> list[Check]:
+        """Say which rows are left out."""
+        found = self._found
+        if not found.n:
+            return []
+        detail = (
+            f"{self._n_lost} of {self._n_rows} rows are left out, and nothing is filtered across them: samples are "
+            f"missing there for longer than can be bridged, in {found.describe(self._signals.sources)}."
+        )
+        much = self._n_lost > MOST_MISSING * self._n_rows
+        return [found.check(self.name, "error" if much else "warning", detail, self._signals.sources)]
+
+
+def bridge(t: FloatArray, x: FloatArray, run: IntArray, most: int, *, smooth: bool) -> None:
+    """Replace up to `most` missing samples in a row of x (m,) by what lies between those beside them, in place."""
+    missing = np.isnan(x)
+    starts, ends = row_edges(missing)
+    known = np.flatnonzero(~missing)
+    for length in range(1, most + 1):
+        chosen = starts[ends - starts == length]
+        before = np.searchsorted(known, chosen) - 1
+        inside = (before >= 1) & (before + 2 < len(known))
+        chosen, before = chosen[inside], before[inside]
+        if not len(chosen):
+            continue
+        anchors = known[before[:, None] + np.array([-1, 0, 1, 2])]
+        # Across a gap in time nothing is bridged; farther anchors may lie beyond other missing samples.
+        near = run[anchors[:, 0]] == run[anchors[:, 3]]
+        chosen, anchors = chosen[near], anchors[near]
+        rows = chosen[:, None] + np.arange(length)
+        origin = x[anchors[:, 1:2]]
+        x[rows] = origin + interpolate_between(t[anchors], x[anchors] - origin, t[rows], smooth=smooth)
+
+
+def interpolate_between(t: FloatArray, x: FloatArray, wanted: FloatArray, *, smooth: bool) -> FloatArray:
+    """Interpolate at times (k, l) between samples (k, 4): by the cubic through all, or straight between the inner."""
+    if not smooth:
+        share = (wanted - t[:, 1:2]) / (t[:, 2:3] - t[:, 1:2])
+        return np.asarray(x[:, 1:2] + share * (x[:, 2:3] - x[:, 1:2]))
+    result = np.zeros_like(wanted)
+    for index in range(4):
+        weight = np.ones_like(wanted)
+        for other in range(4):
+            if other != index:
+                weight *= (wanted - t[:, other : other + 1]) / (t[:, index] - t[:, other])[:, None]
+        result += weight * x[:, index : index + 1]
+    return result

@@ -1,0 +1,151 @@
+"""Samples that cannot be: values that leave the course of their signal and come back to it within a few samples.
+
+A bus that loses a frame, or a driver that answers late, gives zeros, largest values or old ones in single rows. One of
+them in thousands is enough to spoil a model, since differentiation turns it into huge accelerations.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.arrays import BoolArray, FloatArray, IntArray
+from dynident.recordings.conditioning.course import LONGEST, SAME_VALUES, Course, corrupted_samples
+from dynident.recordings.conditioning.findings import FoundRows
+from dynident.recordings.conditioning.signals import Signals
+from dynident.recordings.conditioning.steps import TIMES_USUAL, steps_of, times_usual, usual_steps
+from dynident.recordings.conditioning.windows import Window
+from dynident.recordings.conditioning.wraps import TURN, wrapping_columns
+from dynident.recordings.types import Check
+
+LEAST_SHARE = {"smooth": 2e-4, "rough": 0.015}
+"""Share of a signal's span (1 % to 99 % quantile) below which nothing is called corrupted: it could do no harm."""
+
+LEAST_COUNTS = 6.0
+"""Smallest steps of a signal that a sample has to be off: two or three counts of an encoder come and go."""
+
+TURN_ROWS, TIMES_FRICTION = 3, 1.2
+"""Rows on either side of where a joint turns round in which friction changes, and times its largest jump there that
+it does not reach."""
+
+ROUNDING = 1e-12
+"""Share of a signal by which it changes through the rounding of numbers alone."""
+
+
+class CorruptedSamples:
+    """Takes out samples that cannot be: of positions, torques and the base's wrench."""
+
+    name = "corrupted_samples"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._found = FoundRows()
+        # Whatever a signal did before: there and back within two samples no joint is so fast.
+        self._impossible = 2.0 * signals.fastest * signals.step
+
+    def apply(self, window: Window) -> None:
+        """Take them out of a window."""
+        signals = self._signals
+        needed = np.flatnonzero(signals.needed)
+        values, smooth = window.values[:, needed], signals.smooth[needed]
+        periods = np.where(wrapping_columns(window, signals)[needed], TURN, 0.0)
+        steps = steps_of(values, window.t, window.run, smooth, periods)
+        usual = usual_steps(steps)
+        impossible = np.where(smooth, self._impossible[needed], np.inf)
+        large = np.abs(steps) > np.minimum(TIMES_USUAL * usual, impossible)
+        marks = np.zeros(values.shape, dtype=bool)
+        for index in np.flatnonzero(large.any(axis=0)):
+            if _comes_back(steps[:, index], np.flatnonzero(large[:, index])):
+                course = self._course(window, int(needed[index]), steps[:, index], usual[:, index], periods[index])
+                marks[corrupted_samples(course), index] = True
+        if not marks.any():
+            return
+        back = np.sign(steps) * large
+        swings = (_near(back < 0.0) & _near(back > 0.0) & ~_near(marks))[:, ~smooth].any(axis=1)
+        for index in np.flatnonzero(marks.any(axis=0)):
+            column = int(needed[index])
+            rows = np.flatnonzero(marks[:, index])
+            if not smooth[index]:
+                rows = rows[~self._explained(window, column, rows, swings)]
+            window.values[rows, column] = np.nan
+            own = window.own_rows(rows)
+            self._found.add(column, own, window.t[own - 1 - window.first_row])
+
+    def checks(self) -> list[Check]:
+        """Say which samples were taken out."""
+        found = self._found
+        if not found.n:
+            return [Check(self.name, "ok", "No sample is off the course of its signal.")]
+        one = found.n == 1
+        detail = (
+            f"{found.n} sample{' is' if one else 's are'} off the course of {'its signal' if one else 'their signals'} "
+            f"and cannot have been measured: {found.describe(self._signals.sources)}. "
+            f"{'It is' if one else 'They are'} replaced by what lies between the neighbours. Look for lost frames of "
+            f'the bus; if they are right as they are, say "skip": ["{self.name}"].'
+        )
+        return [found.check(self.name, "warning", detail, self._signals.sources)]
+
+    def _explained(self, window: Window, column: int, rows: IntArray, swings: BoolArray) -> BoolArray:
+        """Tell which rows of a torque may be as measured: those that are no value that stands in for lost ones, and
+
+        where other torques swing (m,) as well: something has happened to the robot; or where the joint turns round, as
+        far off as friction jumps there, maybe for one sample.
+        """
+        x = window.values[:, column].copy()
+        values, counts = np.unique(x[rows], return_counts=True)
+        stands_in = np.isin(x[rows], [0.0, *values[counts >= SAME_VALUES]])
+        happened = _near(swings[:, None])[rows, 0]
+        position = self._signals.position.get(column)
+        if position is not None:
+            turns, slow = _turns(window.t, window.values[:, position])
+            measured = x.copy()
+            measured[rows] = np.nan
+            at = np.flatnonzero(turns[TURN_ROWS:-TURN_ROWS]) + TURN_ROWS
+            jumps = np.abs(measured[at + TURN_ROWS] - measured[at - TURN_ROWS])
+            friction = float(np.nanmax(jumps)) if np.isfinite(jumps).any() else 0.0
+            known = np.isfinite(measured)
+            off = np.abs(x[rows] - np.interp(window.t[rows], window.t[known], measured[known]))
+            happened |= _near(slow[:, None], TURN_ROWS)[rows, 0] & (off < TIMES_FRICTION * friction)
+        return np.asarray(happened & ~stands_in)
+
+    def _course(self, window: Window, column: int, steps: FloatArray, usual: FloatArray, period: float) -> Course:
+        """Describe a signal by the smallest counts it comes in, its span, and the tails of its noise."""
+        signals = self._signals
+        x, smooth = window.values[:, column], bool(signals.smooth[column])
+        known = x[np.isfinite(x)]
+        low, high = np.quantile(known, (0.01, 0.99))
+        changes = np.abs(np.diff(known))
+        changes = changes[changes > ROUNDING * max(abs(low), abs(high))]
+        count = float(np.quantile(changes, 0.01)) if len(changes) else 0.0
+        usual = np.maximum(usual, count)
+        least = max(LEAST_COUNTS * count, LEAST_SHARE["smooth" if smooth else "rough"] * float(high - low))
+        threshold = np.maximum(times_usual(steps, usual) * usual, least)
+        if smooth:
+            impossible = float(self._impossible[column])
+            threshold, usual = np.minimum(threshold, impossible), np.minimum(usual, 0.25 * impossible)
+        return Course(window.t, x, window.run, usual, threshold, smooth, signals.step, period)
+
+
+def _turns(t: FloatArray, q: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """Mark the rows in which a joint turns round, comes to rest or leaves it; and these with those of its rests."""
+    turns, slow = np.zeros(len(q), dtype=bool), np.zeros(len(q), dtype=bool)
+    known = np.isfinite(q)
+    if known.any():
+        direction = np.sign(np.diff(np.interp(t, t[known], q[known])))
+        turns[1:-1] = direction[1:] != direction[:-1]
+        slow[1:] = direction == 0.0
+    return turns, slow | turns
+
+
+def _comes_back(steps: FloatArray, large: IntArray) -> bool:
+    """Tell whether a signal with large steps in these rows goes up and down again, or the other way round, soon."""
+    turns = np.diff(np.sign(steps[large])) != 0.0
+    return bool((turns & (np.diff(large) <= LONGEST + 1)).any())
+
+
+def _near(marks: BoolArray, rows: int = 1) -> BoolArray:
+    """Mark the rows (m, c) that are marked and those beside them."""
+    result = marks.copy()
+    for shift in range(1, rows + 1):
+        result[shift:] |= marks[:-shift]
+        result[:-shift] |= marks[shift:]
+    return result

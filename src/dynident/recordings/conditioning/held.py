@@ -1,0 +1,70 @@
+"""Samples that are repeated until the next one comes: a log that is faster than what it reads."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.recordings.conditioning.bridging import bridge
+from dynident.recordings.conditioning.findings import FoundRows
+from dynident.recordings.conditioning.signals import Signals
+from dynident.recordings.conditioning.windows import Window, row_edges
+from dynident.recordings.types import Check
+
+LONGEST_HOLD = 0.2
+"""s: signals that all stay the same for longer are those of a robot that stands."""
+
+MOST_RESTS = 0.5
+"""Share of a window's changes that have to come after a hold."""
+
+
+class HeldSamples:
+    """Puts what lies between the samples in the place of repeated ones."""
+
+    name = "held_samples"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._found = FoundRows()
+        self._n_changes = 0
+        self._n_rows = 0
+
+    def apply(self, window: Window) -> None:
+        """Replace repeated samples in a window where all signals come in holds."""
+        needed = np.flatnonzero(self._signals.needed)
+        values = window.values[:, needed]
+        same = np.zeros(len(values), dtype=bool)
+        # Rows that repeat the stamp, too, are left out elsewhere.
+        same[1:] = (values[1:] == values[:-1]).all(axis=1) & (np.diff(window.run) == 0) & (np.diff(window.t) > 0.0)
+        starts, stops = row_edges(same)
+        longest = max(2, round(LONGEST_HOLD / self._signals.step))
+        short = stops - starts <= longest
+        changes = np.count_nonzero(~same)
+        if not len(starts) or np.count_nonzero(short) < MOST_RESTS * changes:
+            return
+        for start, stop in zip(starts[~short], stops[~short], strict=True):
+            same[start:stop] = False
+        for column in needed:
+            x = window.values[:, column]
+            x[same] = np.nan
+            bridge(window.t, x, window.run, longest, smooth=bool(self._signals.smooth[column]))
+            # Before the second sample of a stretch, and behind the last but one, there is nothing to go by.
+            left = np.isnan(x)
+            x[left] = values[left, np.flatnonzero(needed == column)[0]]
+        own = window.own_rows(np.flatnonzero(same))
+        self._n_rows += window.own.stop - window.own.start
+        self._n_changes += window.own.stop - window.own.start - len(own)
+        self._found.add(int(needed[0]), own, window.t[own - 1 - window.first_row])
+
+    def checks(self) -> list[Check]:
+        """Say at which rate the samples really come."""
+        found = self._found
+        if not found.n:
+            return [Check(self.name, "ok", "No signals are held between their samples.")]
+        rate = 1.0 / self._signals.step
+        detail = (
+            f"In {found.n} rows all positions and torques are those of the row before: the file has {rate:.4g} rows a "
+            f"second, and what it holds comes about {rate * self._n_changes / self._n_rows:.3g} times a second. Between "
+            "these samples the signals are interpolated; nothing faster can be seen in them. Log at the source's own "
+            f'rate; if the rows are right as they are, say "skip": ["{self.name}"].'
+        )
+        return [found.check(self.name, "warning", detail, self._signals.sources)]

@@ -1,0 +1,62 @@
+"""The stage that every recording passes before it is checked: its steps, one after the other, in a stream."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator
+from typing import Protocol
+
+from dynident.recordings.columns import Layout
+from dynident.recordings.conditioning.bridging import BridgedGaps, MissingValues
+from dynident.recordings.conditioning.corrupted import CorruptedSamples
+from dynident.recordings.conditioning.held import HeldSamples
+from dynident.recordings.conditioning.idle import IdleDrives
+from dynident.recordings.conditioning.signals import Signals
+from dynident.recordings.conditioning.windows import Window, overlapping_windows
+from dynident.recordings.conditioning.wraps import WrappedAngles
+from dynident.recordings.raw import RawRows
+from dynident.recordings.timebase import TimeBase
+from dynident.recordings.types import Check, JointLimits
+
+
+class Step(Protocol):
+    """One thing that is put right in the rows of a recording, and what is said of it."""
+
+    name: str
+
+    def apply(self, window: Window) -> None:
+        """Put it right in the next window, in place."""
+        ...
+
+    def checks(self) -> list[Check]:
+        """Say what was found, after the last window."""
+        ...
+
+
+STEPS: dict[str, Callable[[Signals], Step]] = {
+    step.name: step for step in (MissingValues, HeldSamples, IdleDrives, CorruptedSamples, WrappedAngles, BridgedGaps)
+}
+"""The steps in their order: what is missing or corrupted must not be taken for a turn, and what they leave open is
+bridged at the end."""
+
+
+class Conditioning:
+    """Conditions the rows of a recording, and collects what its steps found."""
+
+    def __init__(
+        self, layout: Layout, limits: tuple[JointLimits, ...], base: TimeBase, skip: Collection[str] = ()
+    ) -> None:
+        signals = Signals.from_layout(layout, limits, base)
+        self._base = base
+        self._steps = [step(signals) for name, step in STEPS.items() if name not in skip]
+
+    def condition(self, blocks: Iterable[RawRows]) -> Iterator[RawRows]:
+        """Give the rows of all blocks, put right; rows in which a needed sample stays missing hold NaN."""
+        for window in overlapping_windows(blocks, self._base):
+            for step in self._steps:
+                step.apply(window)
+            own = window.own
+            yield RawRows(window.first_row + own.start, window.t[own], window.segment[own], window.values[own])
+
+    def checks(self) -> tuple[Check, ...]:
+        """Say what was found in all rows."""
+        return tuple(check for step in self._steps for check in step.checks())

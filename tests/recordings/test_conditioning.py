@@ -1,0 +1,385 @@
+"""Recordings are put right before their checks: samples that cannot be, wrapped angles, missing cells; and told of."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from recording_data import write_csv, write_parquet
+from spoilt import KINDS, N, arm_signals, corrupt, file_columns
+
+from dynident.identification import identify
+from dynident.identification.robot_recordings import import_for_robot
+from dynident.recordings import (
+    JointLimits,
+    RecordedJoints,
+    RecordingError,
+    RecordingMetadata,
+    import_recording,
+)
+from dynident.recordings.columns import Column, Layout
+from dynident.recordings.conditioning import Conditioning
+from dynident.recordings.importing import condition_arrays, scan_time
+from dynident.recordings.raw import RawRows
+from dynident.recordings.stored import stored_samples
+from dynident.simulation import Sensors, TrueEffect, VirtualRobot
+from dynident.testing.trial import trial_arm, trial_motion
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+JOINTS = RecordedJoints([f"joint{k + 1}" for k in range(N)], [JointLimits()] * N)
+
+
+def conditioned(t, values, joints=JOINTS):
+    q, tau, checks = condition_arrays(t, values[:, : joints.n], values[:, joints.n :], joints)
+    return np.column_stack([q, tau]), {check.name: check for check in checks}
+
+
+def marked(check, shape) -> np.ndarray:
+    marks = np.zeros(shape, dtype=bool)
+    for source, rows in check.rows.items():
+        kind, joint = source.split("_joint")
+        marks[np.array(rows) - 1, int(joint) - 1 + (shape[1] // 2 if kind == "tau" else 0)] = True
+    return marks
+
+
+def wrapped(q, border: float):
+    return (q - border) % (2 * np.pi) + border
+
+
+@pytest.mark.parametrize(("rate", "moves"), list(product((60.0, 100.0, 200.0, 1000.0), (False, True))))
+@pytest.mark.parametrize(("noise", "count"), [("normal", 1e-5), ("t5", 1e-6), ("laplace", 2e-3)])
+def test_nothing_is_called_corrupted_in_a_clean_recording(rate, moves, noise, count):
+    for seed in (21, 22):
+        t, values = arm_signals(seed, rate, 15.0, point_to_point=moves, noise=noise, count=count)
+        right, checks = conditioned(t, values)
+        assert checks["corrupted_samples"].status == "ok", checks["corrupted_samples"]
+        np.testing.assert_array_equal(right, values)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("longest", [1, 4])
+@pytest.mark.parametrize("share", [0.002, 0.02])
+def test_corrupted_samples_are_named_and_replaced(kind, longest, share):
+    hits = planted_in = invented = 0
+    for seed, rate, moves in ((31, 100.0, False), (32, 200.0, True), (33, 1000.0, False)):
+        t, values = arm_signals(seed, rate, 15.0, point_to_point=moves)
+        spoilt, planted = corrupt(values, seed, share, kind, longest)
+        right, checks = conditioned(t, spoilt)
+        found = marked(checks["corrupted_samples"], values.shape)
+        hits += int((found & planted).sum())
+        planted_in += int(planted.sum())
+        invented += int((found & ~planted).sum())
+        mended = (found & planted)[:, :N]
+        assert np.nanmax(np.abs(right - values)[:, :N][mended], initial=0.0) < 2e-3
+    assert hits >= 0.95 * planted_in
+    assert invented <= 0.02 * planted_in
+
+
+def test_one_zero_in_a_thousand_rows_is_told_with_row_time_and_column():
+    t, values = arm_signals(5, 200.0)
+    values[1234, 2] = 0.0
+    right, checks = conditioned(t, values)
+    check = checks["corrupted_samples"]
+    assert (check.status, check.column, check.row, check.rows) == ("warning", "q_joint3", 1235, {"q_joint3": (1235,)})
+    assert check.time == pytest.approx(1234 / 200)
+    assert abs(right[1234, 2] - 0.5 * (values[1233, 2] + values[1235, 2])) < 1e-4
+
+
+def test_how_a_file_comes_in_blocks_changes_nothing():
+    t, values = arm_signals(6, 1000.0, 40.0)
+    spoilt, _ = corrupt(values, 6, 0.01, "zero", 3)
+    spoilt[:, 0] = wrapped(6.0 * spoilt[:, 0], -np.pi)
+    whole, _ = conditioned(t, spoilt)
+    for size in (777, 16384, 20000):
+        right = in_blocks(t, spoilt, size)
+        np.testing.assert_array_equal(right, whole)
+
+
+def in_blocks(t, values, size):
+    source = Blocks(t, values, size)
+    conditioning = Conditioning(source.layout, JOINTS.known_limits, scan_time(source, source.layout, ()))
+    return np.concatenate([rows.values for rows in conditioning.condition(source.rows(source.layout))])
+
+
+class Blocks:
+    """Rows in blocks of one size."""
+
+    def __init__(self, t, values, size):
+        self._t, self._values, self._size = t, values, size
+        q, tau = (tuple(Column(f"{kind}_{name}") for name in JOINTS.names) for kind in ("q", "tau"))
+        self.layout = Layout(Column("t"), None, q, tau)
+
+    def rows(self, layout):
+        for first in range(0, len(self._t), self._size):
+            part = slice(first, first + self._size)
+            yield RawRows(first, self._t[part], np.zeros(len(self._t[part]), dtype=np.int64), self._values[part])
+
+    times = rows
+
+
+@pytest.mark.parametrize("border", [-np.pi, 0.0])
+@pytest.mark.parametrize("rate", [60.0, 250.0, 1000.0])
+def test_wrapped_angles_are_made_continuous(border, rate):
+    t, values = arm_signals(41, rate, 30.0)
+    turning = values.copy()
+    turning[:, :N] *= 4.0
+    measured = turning.copy()
+    measured[:, :N] = wrapped(turning[:, :N], border)
+    assert np.abs(np.diff(measured[:, :N], axis=0)).max() > np.pi
+    right, checks = conditioned(t, measured)
+    off = right[:, :N] - turning[:, :N]
+    np.testing.assert_allclose(off - off[0], 0.0, atol=1e-9)
+    jumps = {f"q_joint{j + 1}": tuple(np.flatnonzero(np.abs(np.diff(measured[:, j])) > np.pi) + 2) for j in range(N)}
+    assert checks["wrapped_angles"].rows == {name: rows for name, rows in jumps.items() if rows}
+
+
+def test_angles_that_wrap_and_are_corrupted_are_put_right_both():
+    t, values = arm_signals(42, 200.0, 30.0)
+    turning = values.copy()
+    turning[:, :N] *= 4.0
+    measured = turning.copy()
+    measured[:, :N] = wrapped(turning[:, :N], -np.pi)
+    spoilt, planted = corrupt(measured, 42, 0.01, "zero", columns=tuple(range(N)))
+    right, checks = conditioned(t, spoilt)
+    off = right[:, :N] - turning[:, :N]
+    turns = np.round(off / (2 * np.pi))
+    assert (turns == turns[0]).all()
+    assert np.abs(off - 2 * np.pi * turns)[~planted[:, :N]].max() < 1e-4
+    found = marked(checks["corrupted_samples"], planted.shape)
+    assert (found & planted).sum() >= 0.95 * planted.sum()
+
+
+def test_what_goes_beyond_a_turn_without_jumps_stays_as_it_is():
+    t, values = arm_signals(43, 200.0, 30.0)
+    values[:, :N] *= 6.0
+    right, checks = conditioned(t, values)
+    assert checks["wrapped_angles"].status == "ok"
+    np.testing.assert_array_equal(right, values)
+
+
+def test_turns_in_a_gap_are_told_by_the_logged_velocity(tmp_path):
+    rate, speed = 100.0, 2.4
+    t = np.arange(3000) / rate
+    kept = (t < 8.0) | (t > 11.9)
+    q = speed * t[:, None] + np.array([0.0, 0.3, 0.6])
+    dq = np.full_like(q, speed) + 0.5 * np.cos(t)[:, None]
+    q = q + 0.5 * np.sin(t)[:, None]
+    tau = 3.0 * np.sin(t)[:, None] + np.random.default_rng(1).normal(0, 0.1, q.shape)
+    columns = {"t": t[kept]}
+    columns |= {f"q{j + 1}": wrapped(q[kept, j], -np.pi) for j in range(3)}
+    columns |= {f"dq{j + 1}": dq[kept, j] for j in range(3)} | {f"tau{j + 1}": tau[kept, j] for j in range(3)}
+    accept = RecordingMetadata(accept=("torque_sign", "torque_order", "gaps", "position_unit", "torque_delay"))
+    recording, _ = import_recording(
+        write_parquet(tmp_path / "run.parquet", columns), tmp_path / "out", RecordedJoints(("a", "b", "c")),
+        metadata=accept,
+    )  # fmt: skip
+    stored = stored_samples(recording).columns
+    off = np.asarray(stored["q_b"]) - np.interp(stored["t"], t, q[:, 1])
+    assert len(recording.segments) == 2
+    assert np.abs(off - off[0]).max() < 1e-3
+
+
+def test_limits_tell_which_turn_a_wrapped_angle_is_in():
+    t, values = arm_signals(44, 200.0, 30.0)
+    values[:, :N] *= np.pi / np.abs(values[:, :N]).max(axis=0) * 0.8
+    measured = values.copy()
+    measured[:, :N] = wrapped(values[:, :N], 0.0)
+    limits = [JointLimits("revolute", (-2.9, 2.9))] * N
+    right, _ = conditioned(t, measured, RecordedJoints(JOINTS.names, limits))
+    np.testing.assert_allclose(right[:, :N], values[:, :N], atol=1e-9)
+
+
+def test_steps_that_are_left_out_change_nothing(tmp_path):
+    t, values = arm_signals(45, 200.0)
+    values[700, 1] = 0.0
+    path = write_parquet(tmp_path / "run.parquet", file_columns(t, values))
+    accept = ("torque_sign", "torque_order", "torque_delay", "position_unit")
+    stored = {}
+    for skip in ((), ("corrupted_samples",)):
+        metadata = RecordingMetadata(accept=accept, skip=skip)
+        recording, checks = import_recording(path, tmp_path / "out", JOINTS, metadata=metadata)
+        stored[skip] = np.asarray(stored_samples(recording).columns["q_joint2"])[700]
+        assert ("corrupted_samples" in {check.name for check in checks}) is not bool(skip)
+    assert stored["corrupted_samples",] == 0.0
+    assert abs(stored[()] - values[699, 1]) < 0.05
+    with pytest.raises(RecordingError, match="skip names 'bridging', which is no step that can be left out"):
+        RecordingMetadata(skip=("bridging",))
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
+def test_cells_without_a_number_are_bridged_and_told(tmp_path, suffix, value):
+    t, values = arm_signals(46, 200.0)
+    rng = np.random.default_rng(3)
+    spoilt = values.copy()
+    spoilt[rng.random(values.shape) < 0.02] = value
+    write = write_csv if suffix == "csv" else write_parquet
+    path = write(tmp_path / f"run.{suffix}", file_columns(t, spoilt))
+    metadata = RecordingMetadata(accept=("torque_sign", "torque_order", "torque_delay"))
+    recording, checks = import_recording(path, tmp_path / "out", JOINTS, metadata=metadata)
+    check = next(check for check in checks if check.name == "missing_values")
+    expected = {
+        f"{'q' if k < N else 'tau'}{k % N + 1}": tuple(np.flatnonzero(spoilt[:, k] != values[:, k]) + 1)
+        for k in range(2 * N)
+    }
+    assert check.rows == expected
+    assert recording.n_samples == len(t)
+    assert np.abs(np.asarray(stored_samples(recording).columns["q_joint1"]) - values[:, 0]).max() < 1e-3
+
+
+def test_long_stretches_without_numbers_are_left_out_and_split_the_recording(tmp_path):
+    t, values = arm_signals(47, 200.0)
+    values[1000:1100, 5] = np.nan
+    path = write_parquet(tmp_path / "run.parquet", file_columns(t, values))
+    metadata = RecordingMetadata(accept=("torque_sign", "torque_order", "torque_delay"))
+    recording, checks = import_recording(path, tmp_path / "out", JOINTS, metadata=metadata)
+    check = next(check for check in checks if check.name == "rows_left_out")
+    assert (check.status, check.column, check.row) == ("warning", "tau2", 1001)
+    assert "100 of 4000 rows are left out" in check.detail
+    assert [segment.length for segment in recording.segments] == [1000, 2900]
+
+
+def test_a_recording_with_most_of_a_signal_missing_is_refused_by_name(tmp_path):
+    t, values = arm_signals(48, 200.0)
+    values[500:, 6] = np.nan
+    path = write_parquet(tmp_path / "run.parquet", file_columns(t, values))
+    with pytest.raises(RecordingError, match=r"3500 of 4000 rows are left out.*tau3"):
+        import_recording(path, tmp_path / "out", JOINTS)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("rate", [100.0, 500.0])
+def test_rows_in_which_the_drives_are_off_are_told_and_not_used(rate):
+    t, values = arm_signals(51, rate, 40.0)
+    off = slice(round(12 * rate), round(19 * rate))
+    values[off, :N] = values[off.start, :N]
+    values[off, N:] = 0.0
+    right, checks = conditioned(t, values)
+    check = checks["idle_drives"]
+    assert (check.status, check.row) == ("warning", off.start + 1)
+    assert f"{off.stop - off.start} rows" in check.detail
+    assert np.isnan(right[off, N:]).all()
+    np.testing.assert_array_equal(np.delete(right, off, axis=0), np.delete(values, off, axis=0))
+    assert checks["corrupted_samples"].status == "ok"
+
+
+def test_torques_that_fade_out_to_nothing_are_those_of_drives_that_are_on():
+    t, values = arm_signals(52, 200.0, 40.0)
+    fade = np.clip(np.abs(t - 20.0) - 4.0, 0.0, 1.0)
+    values[:, N:] *= (3.0 * fade**2 - 2.0 * fade**3)[:, None]
+    _, checks = conditioned(t, values)
+    assert checks["idle_drives"].status == "ok"
+
+
+@pytest.mark.parametrize(("rate", "hold"), [(500.0, 10), (200.0, 4), (1000.0, 2)])
+def test_samples_that_are_held_are_told_with_their_true_rate_and_interpolated(rate, hold):
+    t, values = arm_signals(53, rate, 20.0)
+    held = values[np.arange(len(t)) // hold * hold]
+    right, checks = conditioned(t, held)
+    check = checks["held_samples"]
+    assert check.status == "warning"
+    assert f"comes about {rate / hold:.3g} times a second" in check.detail
+    inner = slice(2 * hold, -3 * hold)
+    assert np.abs(right - values)[inner, :N].max() < 0.05 * np.abs(held - values)[inner, :N].max()
+
+
+def test_a_robot_that_stands_without_noise_holds_nothing():
+    t, values = arm_signals(54, 200.0, 20.0, level=0.0)
+    values[1500:2500] = values[1500]
+    right, checks = conditioned(t, values)
+    assert checks["held_samples"].status == "ok"
+    np.testing.assert_array_equal(right, values)
+
+
+def real_files() -> list[Path]:
+    return sorted(DATA.glob("*/*.parquet"))
+
+
+@pytest.mark.real_data
+@pytest.mark.skipif(not DATA.is_dir(), reason="the recordings of real robots (../shared/data) are absent")
+def test_nothing_is_put_right_in_recordings_of_real_robots():
+    for path in real_files():
+        table = pq.read_table(path)
+        t = np.asarray(table["t"], dtype=np.float64)
+        n = sum(name[0] == "q" and name[1:].isdigit() for name in table.column_names)
+        effort = next(kind for kind in ("tau", "current", "tau_fric") if f"{kind}1" in table.column_names)
+        values = np.column_stack(
+            [np.asarray(table[f"{kind}{j + 1}"], dtype=np.float64) for kind in ("q", effort) for j in range(n)]
+        )
+        joints = RecordedJoints([f"joint{j + 1}" for j in range(n)], [JointLimits()] * n)
+        right, checks = conditioned(t, values, joints)
+        assert [check for check in checks.values() if check.status != "ok"] == [], path
+        np.testing.assert_array_equal(right, values)
+
+
+@pytest.mark.real_data
+@pytest.mark.skipif(not DATA.is_dir(), reason="the recordings of real robots (../shared/data) are absent")
+@pytest.mark.parametrize("run", ["run1", "run2", "run3"])
+def test_wrapped_files_of_a_real_arm_are_as_good_as_unwrapped_ones(tmp_path, run):
+    folder = DATA / "kinova_gen3"
+    joints = RecordedJoints([f"joint{k + 1}" for k in range(7)])
+    metadata = RecordingMetadata(accept=("torque_sign", "torque_order", "gaps"))
+    found = []
+    for number, path in enumerate((folder / f"{run}.parquet", folder / "wrapped" / f"{run}.csv")):
+        recording, _ = import_recording(path, tmp_path / f"{number}", joints, metadata=metadata)
+        found.append(np.column_stack([stored_samples(recording).columns[f"q_joint{k + 1}"] for k in range(7)]))
+    np.testing.assert_allclose(found[0], found[1], atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def trial_runs():
+    """Two measured runs of the trial arm with friction and noise, as positions and torques (m, 6)."""
+    robot = trial_arm()
+    virtual = VirtualRobot(robot, [TrueEffect("coulomb", name, (("Fc", 1.5),)) for name in robot.joint_names])
+    sensors = Sensors(250.0, None, torque_noise=0.0, torque_noise_absolute=(0.05,) * robot.n)
+    runs = [virtual.measure(trial_motion(robot, k), sensors, run=f"run{k}", seed=k) for k in range(2)]
+    return robot, [(run.t, np.column_stack([np.round(run.q, 5), run.tau])) for run in runs]
+
+
+@pytest.mark.parametrize(
+    ("share", "kind", "longest"),
+    [(3e-4, "zero", 1), (0.002, "spike", 1), (0.02, "zero", 1), (0.02, "stuck", 3), (0.02, "largest", 5)],
+)
+def test_a_model_from_corrupted_recordings_is_as_good_as_from_clean_ones(tmp_path, trial_runs, share, kind, longest):
+    robot, runs = trial_runs
+
+    def error(spoil: bool) -> float:
+        recordings = []
+        for k, (t, values) in enumerate(runs):
+            content = corrupt(values, 7 + k, share, kind, longest)[0] if spoil else values
+            path = write_parquet(tmp_path / f"run{k}.parquet", file_columns(t, content))
+            recordings.append(import_for_robot(robot, path, tmp_path / f"{k}.stored", RecordingMetadata(f"run{k}"))[0])
+        model = identify(robot, recordings[:1], recordings[1:])
+        assert model.held_out is not None
+        return model.held_out.relative_total
+
+    assert error(spoil=True) <= 1.2 * error(spoil=False)
+
+
+@pytest.mark.parametrize("starts", [(0.0, 0.0, 0.0), (100.0, 40.0, 40.5)])
+@pytest.mark.parametrize("rate", [50.0, 400.0])
+def test_runs_one_behind_the_other_are_told_apart_where_the_time_begins_again(tmp_path, rate, starts):
+    runs = [arm_signals(seed, rate, 10.0 + seed) for seed in (1, 2, 3)]
+    t = np.concatenate([run[0] + start for run, start in zip(runs, starts, strict=True)])
+    values = np.concatenate([run[1] for run in runs])
+    path = write_parquet(tmp_path / "run.parquet", file_columns(t, values))
+    metadata = RecordingMetadata(accept=("torque_sign", "torque_order", "torque_delay"))
+    recording, checks = import_recording(path, tmp_path / "out", JOINTS, metadata=metadata)
+    lengths = [len(run[0]) for run in runs]
+    assert [segment.length for segment in recording.segments] == lengths
+    assert [segment.start_time for segment in recording.segments] == pytest.approx(starts)
+    check = next(check for check in checks if check.name == "time_restarts")
+    assert check.rows == {"t": (lengths[0] + 1, lengths[0] + lengths[1] + 1)}
+    assert len(recording.run_labels) == 3
+
+
+def test_rows_in_the_wrong_order_are_no_runs(tmp_path):
+    t, values = arm_signals(4, 200.0)
+    t[[900, 903]] = t[[903, 900]]
+    path = write_parquet(tmp_path / "run.parquet", file_columns(t, values))
+    with pytest.raises(RecordingError, match="goes back") as caught:
+        import_recording(path, tmp_path / "out", JOINTS)
+    assert caught.value.row == 902
