@@ -52,11 +52,11 @@ def recorded_columns(robot: Robot, kind: Kind, rng: np.random.Generator) -> Colu
     """The columns t, q1, … and tau1, … of a recording."""
     poor = kind == "poor"
     t = np.arange(round((8.0 if poor else 20.0) * RATE)) / RATE
-    q, dq, ddq = _fourier(robot, t, 0.5 if poor else 1.2, rng)
+    q, dq, ddq = _fourier(robot, t, 0.3 if poor else 1.2, rng)
     if kind == "elastic":
-        rattle = 2.0 * np.pi * rng.uniform(12.0, 20.0)
+        rattle = 2.0 * np.pi * rng.uniform(5.0, 9.0)
         # As much acceleration as the motion itself has: what the positions say of it, a rigid model cannot use.
-        size = rng.uniform(0.3, 0.6) * ddq.std(axis=0) / rattle**2
+        size = rng.uniform(0.5, 1.2) * ddq.std(axis=0) / rattle**2
         angle = rattle * t[:, None] + rng.uniform(0, 2 * np.pi, robot.n)
         q, dq, ddq = q + size * np.sin(angle), dq + size * rattle * np.cos(angle), ddq - size * rattle**2 * np.sin(angle)
     torque = described_torque(robot, q, dq, ddq)
@@ -70,7 +70,7 @@ def recorded_columns(robot: Robot, kind: Kind, rng: np.random.Generator) -> Colu
     speed = dq / np.maximum(np.abs(dq).max(axis=0), 1e-9)
     dry, viscous = (peak * rng.uniform(0.05, 0.12, robot.n) for _ in range(2))
     torque = torque + rotor * ddq + dry * np.sign(dq) + viscous * speed
-    torque = torque + rng.uniform(0.005, 0.02) * peak * rng.normal(size=torque.shape)
+    torque = torque + rng.uniform(0.005, 0.04 if poor else 0.02) * peak * rng.normal(size=torque.shape)
     q = q + 2e-5 * rng.normal(size=q.shape)
     named = {f"{kind}{k + 1}": values[:, k] for kind, values in (("q", q), ("tau", torque)) for k in range(robot.n)}
     return {"t": t} | named

@@ -36,10 +36,11 @@ class SecondOpinion:
 
         Of a torque that is scaled it says nothing: the gain is free.
         """
-        if mistake.kind == "torque scaled" or self._as_is > self.now.blocks.mean() + CLEARLY:
+        clearly = CLEARLY / max(int(self.now.moving.sum()), 1)
+        if mistake.kind == "torque scaled" or self._as_is > self.now.blocks.mean() + clearly:
             return False
         mended = left_by_description(self.robot, mistake.mended(self.motion))
-        return mended is not None and self._as_is - mended < CLEARLY
+        return mended is not None and self._as_is - mended < clearly
 
     @cached_property
     def _as_is(self) -> float:
