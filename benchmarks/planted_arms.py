@@ -40,7 +40,8 @@ def pendulum(rng: np.random.Generator) -> Robot:
         height = -lengths[0] if k else 0.0
         parts.append(
             f'<link name="link{k + 1}"><inertial><origin xyz="0 0 {-0.5 * length}"/><mass value="{mass}"/>'
-            f'<inertia ixx="{inertia}" ixy="0" ixz="0" iyy="{inertia}" iyz="0" izz="{0.1 * inertia}"/></inertial></link>'
+            f'<inertia ixx="{inertia}" ixy="0" ixz="0" iyy="{inertia}" iyz="0" izz="{0.1 * inertia}"/></inertial>'
+            "</link>"
             f'<joint name="joint{k + 1}" type="revolute"><parent link="{"link1" if k else "base"}"/>'
             f'<child link="link{k + 1}"/><origin xyz="0 0 {height}"/><axis xyz="0 1 0"/>'
             '<limit lower="-6.3" upper="6.3" velocity="20" effort="8"/></joint>'
@@ -58,7 +59,11 @@ def recorded_columns(robot: Robot, kind: Kind, rng: np.random.Generator) -> Colu
         # As much acceleration as the motion itself has: what the positions say of it, a rigid model cannot use.
         size = rng.uniform(0.5, 1.2) * ddq.std(axis=0) / rattle**2
         angle = rattle * t[:, None] + rng.uniform(0, 2 * np.pi, robot.n)
-        q, dq, ddq = q + size * np.sin(angle), dq + size * rattle * np.cos(angle), ddq - size * rattle**2 * np.sin(angle)
+        q, dq, ddq = (
+            q + size * np.sin(angle),
+            dq + size * rattle * np.cos(angle),
+            ddq - size * rattle**2 * np.sin(angle),
+        )
     torque = described_torque(robot, q, dq, ddq)
     peak = np.maximum(np.abs(torque).max(axis=0), 0.05 * np.abs(torque).max())
     if kind == "elastic":

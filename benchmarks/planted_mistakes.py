@@ -1,6 +1,6 @@
 """Gross mistakes planted in whole files of real robots: are they noticed when the file is read, and rightly mended?
 
-    python benchmarks/planted_mistakes.py [--seed 1 | --seed new] [--arms 12] [--draws 12] [--only ur10e] [--kind gravity]
+    python benchmarks/planted_mistakes.py [--seed 1 | --seed new] [--arms 12] [--draws 8] [--only ur10] [--kind gravity]
 
 Every open recording and recordings of drawn arms, elastic and poorly excited ones among them, are read untouched, then
 with one mistake: torques, positions or both of two joints exchanged, a sign turned round, all signs, degrees for
@@ -36,7 +36,8 @@ from imports import DATA, SETS, robot_of
 from planted_arms import drawn_arms
 
 from dynident.desk.robots import load_robot
-from dynident.identification.mistakes.search import delay_among, left_of, motion_of, whole_motion_of
+from dynident.identification.mistakes.bands import motion_of, whole_motion_of
+from dynident.identification.mistakes.search import delay_among, left_of
 from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.sources import ArraySource
@@ -173,7 +174,9 @@ def _table(outcomes: list[Outcome]) -> list[tuple[str, ...]]:
     kinds = {kind: [one for one in outcomes if one.planted.kind == kind] for kind in _kinds(outcomes)}
     for kind, own in (*kinds.items(), ("all", outcomes)):
         harmful = [one for one in own if one.harmful]
-        counts = (sum(getattr(one, word) for one in harmful) for word in ("noticed", "first", "cured", "refused", "wrongly"))
+        counts = (
+            sum(getattr(one, word) for one in harmful) for word in ("noticed", "first", "cured", "refused", "wrongly")
+        )
         rows.append((kind, str(len(own)), str(len(harmful)), *map(str, counts)))
     return rows
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,7 +43,7 @@ _CHECK: dict[Kind, str] = {
 _SILENT = {"torque_scale", "joint_coupling"}
 """Checks that say nothing where they find nothing, or by themselves."""
 
-COMMANDED, GRAVITY = "commanded_torque", "gravity_direction"
+COMMANDED, GRAVITY, SCALE = "commanded_torque", "gravity_direction", "torque_scale"
 
 _HARDLY = 1.1
 """Times what is left without a mistake below which it is friction that tells of it."""
@@ -56,6 +57,13 @@ _ELSE = (
 )
 
 
+class Examined(NamedTuple):
+    """The checks of a recording against its robot's dynamics, and what these leave of the torque as it is."""
+
+    checks: tuple[Check, ...]
+    left: Left | None
+
+
 def checks_against(robot: Robot) -> ModelChecks:
     """What a robot's own dynamics say of order and signs of the columns, for `import_recording`.
 
@@ -63,44 +71,60 @@ def checks_against(robot: Robot) -> ModelChecks:
     None where they say nothing.
     """
 
-    @single_threaded
     def looked_at(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
-        units = find_units(robot)
-        machine = robot if units is None else units.of(robot)
-        described = () if units is None else (_description(units),)
-        judges = Judges(machine)
-        # Once for all of them: it is read from the whole recording.
-        whole = motion_to_judge(recording, judges) if robot.n <= MOST_JOINTS else None
-        if whole is None:
-            return described or None
-        motion = thinned(whole[0])
-        static = find_static_torque(machine, motion, judges.plain)
-        if static is not None:
-            return (_commanded(static, recording, tau), *described)
-        found = find_mistakes(machine, motion, judges)
-        if found is None:
-            return described or None
-        mistakes, now = found
-        mounted = None if _is_enough(mistakes, now) else other_mounting(machine, motion, judges.plain.left(motion))
-        # One cause for the whole robot goes before several for some joints.
-        if mounted is not None and (len(mistakes) > 1 or mounted.explains.score <= now.score + ALIKE):
-            mistakes = ()
-        elif mistakes:
-            mounted = None
-        wrong = {_CHECK[one.mistake.kind] for one in mistakes}
-        fine = f"No other order or sign of the columns explains the torque clearly better: {now.usual:.0%} are left of it."
-        passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _SILENT]
-        if mounted is not None:
-            return (*passed, _mounting(mounted, machine), *described)
-        amounts = () if mistakes else _scales(machine, motion, recording, tau, judges)
-        if not mistakes and all(one.status == "ok" for one in amounts):
-            # Torques in different units have no delay that could be told.
-            amounts = (*_delay(machine, *whole, tau, judges), *amounts)
-        if not mistakes:
-            amounts = (*_gravity(machine, motion, tau), *amounts)
-        return (*passed, *(_check(one, recording, q, tau) for one in mistakes), *amounts, *described)
+        return examine(robot, recording, q, tau).checks or None
 
     return looked_at
+
+
+@single_threaded
+def examine(robot: Robot, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> Examined:
+    """Hold a recording against its robot's dynamics: causes about the whole robot first, then single columns.
+
+    Parameters
+    ----------
+    robot : Robot
+    recording : Recording
+    q, tau : names
+        What the user calls the columns of positions and torques.
+    """
+    units = find_units(robot)
+    machine = robot if units is None else units.of(robot)
+    described = () if units is None else (_description(units),)
+    judges = Judges(machine)
+    # Once for all of them: it is read from the whole recording.
+    whole = motion_to_judge(recording, judges) if robot.n <= MOST_JOINTS else None
+    if whole is None:
+        return Examined(described, None)
+    motion = thinned(whole[0])
+    static = find_static_torque(machine, motion, judges.plain)
+    if static is not None:
+        return Examined((_commanded(static, tau), *described), None)
+    found = find_mistakes(machine, motion, judges)
+    if found is None:
+        return Examined(described, None)
+    mistakes, now = found
+    as_is = judges.plain.left(motion)
+    mounted = None if _is_enough(mistakes, now) else other_mounting(machine, motion, as_is)
+    # One cause for the whole robot goes before several for some joints.
+    if mounted is not None and (len(mistakes) > 1 or mounted.explains.score <= now.score + ALIKE):
+        mistakes = ()
+    elif mistakes:
+        mounted = None
+    wrong = {_CHECK[one.mistake.kind] for one in mistakes}
+    fine = f"No other order or sign of the columns explains the torque clearly better: {now.usual:.0%} are left of it."
+    passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _SILENT]
+    if mounted is not None:
+        findings: tuple[Check, ...] = (_mounting(mounted, machine),)
+    elif mistakes:
+        findings = tuple(_check(one, recording, q, tau) for one in mistakes)
+    else:
+        findings = _scales(machine, motion, recording, tau, judges)
+        if all(one.status == "ok" for one in findings):
+            # Torques in different units have no delay that could be told.
+            findings = (*_delay(machine, *whole, tau, judges), *findings)
+        findings = (*_gravity(machine, motion, tau), *findings)
+    return Examined((*passed, *findings, *described), as_is)
 
 
 def _is_enough(mistakes: Sequence[Finding], now: Left) -> bool:
@@ -112,21 +136,22 @@ def _description(units: DescribedUnits) -> Check:
     return Check(
         "description_units",
         "warning",
-        f"The robot's description is not in SI units: its {units}. The torques are not what is wrong. An identification "
-        "does not need these numbers; a prior, a completed export and checks against them do: write them in kg, m and "
-        "kg m² into the description.",
+        f"The robot's description is not in SI units: its {units}. The torques are not what is wrong. An "
+        "identification does not need these numbers; a prior, a completed export and checks against them do: write "
+        "them in kg, m and kg m² into the description.",
     )
 
 
-def _commanded(found: StaticTorque, recording: Recording, tau: Sequence[str]) -> Check:
+def _commanded(found: StaticTorque, tau: Sequence[str]) -> Check:
     columns = ", ".join(tau[joint] for joint in found.joints)
+    left, moving = (f"{max(share, 1e-4):.2%}" for share in (found.left, found.moving_share))
     return Check(
         COMMANDED,
         "error",
         f"There is neither friction nor inertia in the torque ({columns}): the load of gravity alone explains all but "
-        f"{max(found.left, 1e-4):.2%} of it, and motion has {max(found.moving_share, 1e-4):.2%}. It seems to be the command of a gravity "
-        f"compensation, while something else moved the joints, such as a hand. {NO_MEASUREMENT['commanded'].capitalize()}: "
-        "give the torque, or current, that was measured while the drives moved the robot.",
+        f"{left} of it, and motion has {moving}. It seems to be the command of a gravity compensation, while something "
+        f"else moved the joints, such as a hand. {NO_MEASUREMENT['commanded'].capitalize()}: give the torque, or "
+        "current, that was measured while the drives moved the robot.",
         tau[found.joints[0]],
     )
 
@@ -142,14 +167,14 @@ def _check(one: Finding, recording: Recording, q: Sequence[str], tau: Sequence[s
     )
     if one.left_with < _HARDLY * one.left_without:
         why = "friction would drive the joint, which there is not"
-    columns = tau if "torque" in one.mistake.kind else q
+    columns, is_scaled = tau if "torque" in one.mistake.kind else q, one.mistake.kind == "torque scaled"
     return Check(
         _CHECK[one.mistake.kind],
         "error" if one.certain else "warning",
         f"{known} {told}: as the columns are, {why}. {_cure(one.mistake, q, tau)}{doubt}{otherwise}",
         columns[one.mistake.joints[0]],
-        # Of cures that leave alike the user has to choose.
-        apply=None if one.certain and one.alike else revision_of(one.mistake, recording.n),
+        # Of cures that leave alike the user has to choose, and a ratio is as good as the masses of the description.
+        apply=None if one.certain and (one.alike or is_scaled) else revision_of(one.mistake, recording.n),
     )
 
 
@@ -175,9 +200,9 @@ def _mounting(found: Mounting, robot: Robot) -> Check:
     return Check(
         GRAVITY,
         "warning",
-        f"Gravity seems to pull along ({told}) m/s² of the base, as on a wall, a slope or a ceiling: with the stated one "
-        f"{found.left_as_stated:.0%} of the torque of {worst} cannot be explained by the robot's dynamics, with that at "
-        f'most {found.left:.0%} of any joint\'s. State it with the robot: "gravity": [{told}], or --gravity {told}.',
+        f"Gravity seems to pull along ({told}) m/s² of the base, as on a wall, a slope or a ceiling: with the stated "
+        f"one {found.left_as_stated:.0%} of the torque of {worst} cannot be explained by the robot's dynamics, with "
+        f'that at most {found.left:.0%} of any joint\'s. State it with the robot: "gravity": [{told}].',
     )
 
 
@@ -262,13 +287,13 @@ def told_of(one: Mistake, recording: Recording, q: Sequence[str], tau: Sequence[
         own, other = (q[joint] for joint in one.joints)
         sign, counted = ("-", "plus") if one.factor > 0 else ("+", "minus")
         return (
-            f"the position of {names[0]} ({own}) is counted from the base, or the horizon, and not from {names[1]}: it is "
-            f"its angle {counted} that of {names[1]}, and {own} {sign} {other} is what the description means"
+            f"the position of {names[0]} ({own}) is counted from the base, or the horizon, and not from {names[1]}: it "
+            f"is its angle {counted} that of {names[1]}, and {own} {sign} {other} is what the description means"
         )
     if len(names) == recording.n:
         whole = {
-            "torque turned": f"all torques ({tau[0]} … {tau[-1]}) have the opposite sign, as the reaction that a sensor or "
-            "a driver may report",
+            "torque turned": f"all torques ({tau[0]} … {tau[-1]}) have the opposite sign, as the reaction that "
+            "a sensor or a driver may report",
             "position turned": f"all positions ({q[0]} … {q[-1]}) have the opposite sign",
         }
         return whole[one.kind]
@@ -290,10 +315,15 @@ def _cure(one: Mistake, q: Sequence[str], tau: Sequence[str]) -> str:
     if one.kind == "joint coupled":
         own, other = (q[joint] for joint in one.joints)
         word = "Subtract" if one.factor > 0 else "Add"
-        return f"{word} {other} {'from' if one.factor > 0 else 'to'} {own}, and their velocities, before the file is read."
+        return (
+            f"{word} {other} {'from' if one.factor > 0 else 'to'} {own}, and their velocities, before the file is read."
+        )
     if one.kind == "torque scaled":
-        which = "its unit and its drive gain, or take it" if len(one.joints) == 1 else "their units and gains, or take them"
-        return f"Look at {which} times {one.factor:.3g}."
+        which = (
+            "its unit and its drive gain, or take it" if len(one.joints) == 1 else "their units and gains, or take them"
+        )
+        scale = ", ".join(f'"tau{joint + 1}": {one.factor:.3g}' for joint in one.joints)
+        return f'Look at {which} times {one.factor:.3g}: "scale": {{{scale}}}.'
     if not one.is_swap:
         side = "tau" if one.kind == "torque turned" else "q"
         signs = ", ".join(f'"{side}{joint + 1}": -1' for joint in one.joints)

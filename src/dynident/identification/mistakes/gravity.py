@@ -33,8 +33,8 @@ _ON_AXIS, _BESIDE = 0.9976, 0.9
 """Cosine of 4 degrees to an axis or a slope of 45 degrees between two, within which gravity is taken for along it, and
 of directions that are other ones: 26 degrees away."""
 _SIMPLEX, _FINE, _MOST_TRIED = np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2]]), 0.01, 40
-"""Tangents of the first angles from the best of the usual directions (11 degrees), of those that are told apart at last,
-and of how many."""
+"""Tangents of the first angles from the best of the usual directions (11 degrees), of those that are told apart at
+last, and of how many."""
 _USUAL = tuple(
     np.array(one) / np.linalg.norm(one) for one in product((-1.0, 0.0, 1.0), repeat=3) if 0 < np.count_nonzero(one) < 3
 )
@@ -140,8 +140,8 @@ def other_mounting(robot: Robot, motion: Motion, now: Left) -> Mounting | None:
 def mounting_of(robot: Robot, motion: Motion) -> Mounting:
     """Find the direction in the base frame along which gravity pulls: of a robot on a floor, a wall, a slope.
 
-    It is looked for along the axes and half way between them, and near the best of these where most is explained. Up and down often explain a
-    torque alike; the masses of the description decide then, if it has any.
+    It is looked for along the axes and half way between them, and near the best of these where most is explained. Up
+    and down often explain a torque alike; the masses of the description decide then, if it has any.
     """
     size = float(np.linalg.norm(robot.gravity)) or _GRAVITY
     leanings = _Leanings(robot, motion, size)

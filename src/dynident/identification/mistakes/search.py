@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynident.arrays import BoolArray
+from dynident.arrays import BoolArray, FloatArray
 from dynident.effects import OFFSETS
-from dynident.identification.mistakes.bands import motion_of, thinned, whole_motion_of
+from dynident.identification.mistakes.bands import thinned, whole_motion_of
 from dynident.identification.mistakes.delays import BESIDE_OFFSETS, Delay, delay_of
 from dynident.identification.mistakes.described import SecondOpinion
 from dynident.identification.mistakes.frictions import excess_of, nearer_to_others
-from dynident.identification.mistakes.judge import Judge, Left, moving_joints
+from dynident.identification.mistakes.judge import CLEARLY, Judge, Left, moving_joints
 from dynident.identification.mistakes.scales import by_masses, heavy_joints, load_of, nearer_to_masses
 from dynident.identification.mistakes.swaps import Mistake, Motion, alone, mistakes_among
 from dynident.recordings import Recording
@@ -33,11 +33,11 @@ zero that is off by 90 degrees or a gain that is ten times too large look like a
 of six joints, or leave more (`benchmarks/gross_mistakes.py`)."""
 
 CLEARLY_AGREES = 0.05
-"""Mean over the joints of that logarithm by which other gains of some joints have to explain more, for the joints not to be in one unit: at most 0.04
-with twice or half of it, on the open recordings."""
+"""Mean over the joints of that logarithm by which other gains of some joints have to explain more, for the joints not
+to be in one unit: at most 0.04 with twice or half of it, on the open recordings."""
 
 ALIKE = 0.02
-"""Mistakes without which it falls as much, to this, cannot be told from each other."""
+"""Causes without which that mean falls as much, to this, cannot be told from each other."""
 
 _APART = 0.75
 """Share of what is explained without a mistake that its joints may explain by themselves, apart from the others: where
@@ -52,13 +52,13 @@ WORST_EXPLAINED = 0.15
 """Share of the torque of the joint that is explained worst, below which nothing else about the robot is looked for."""
 
 _EXPLAINED = 0.2
-"""Share left of an average joint's torque, or of all of it, from which on the motion's own band is looked at instead: an
-elastic arm leaves that with the filters of an identification, and half of it there."""
+"""Share left of an average joint's torque, or of the worst joint's, from which on the motion's own band is looked at
+instead: an elastic arm leaves that with the filters of an identification, and half of it there."""
 
 _MOST_MISTAKES = 3
 
 _PARALLEL = 0.999
-"""Cosine of the angle between axes, 2.6 degrees, up to which they count as parallel: calibrated robots differ by less."""
+"""Cosine of the angle between axes, 2.6 degrees, up to which they count as parallel: calibrated robots differ less."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +118,9 @@ def find_mistakes(
             now = judge.left(motion)
             continue
         least = _CERTAIN_OF_JOINTS if step.mistake.is_of_whole_joints else _CERTAIN
-        # A drive that is coupled with its neighbour looks like a gain that is wrong, by as much.
-        certain = step.mistake.kind != "torque scaled" and summed >= least and step.left.usual <= _SOUND
+        # A drive that is coupled with its neighbour looks like a gain that is wrong, by as much; of several none does.
+        may_be_sure = step.mistake.kind != "torque scaled" or len(step.mistake.joints) > 1
+        certain = may_be_sure and summed >= least and step.left.usual <= _SOUND
         found.append(Finding(step.mistake, step.alike, now.usual, step.left.usual, certain))
         motion, now = mended, step.left
     return tuple(found), now
@@ -208,7 +209,7 @@ def _may_be(one: Mistake, robot: Robot, motion: Motion, sizes: _Sizes) -> bool:
 
 
 def motion_to_judge(recording: Recording, judges: Judges) -> tuple[Motion, float] | None:
-    """Filter a recording as an identification does; or narrower, where much is left that way and less so.
+    """Filter a recording as an identification does; or narrower, where much is left that way and clearly less so.
 
     Returns
     -------
@@ -223,7 +224,7 @@ def motion_to_judge(recording: Recording, judges: Judges) -> tuple[Motion, float
     narrow = whole_motion_of(recording, narrow=True)
     if narrow is None or not _is_enough(narrow[0], judges.plain):
         return wide
-    return narrow if judges.plain.left(thinned(narrow[0])).score < left.score else wide
+    return narrow if left.summed_fall_to(judges.plain.left(thinned(narrow[0]))) >= CLEARLY else wide
 
 
 def _is_enough(motion: Motion, judge: Judge) -> bool:

@@ -41,7 +41,7 @@ class StaticTorque:
 
 
 def find_static_torque(robot: Robot, motion: Motion, judge: Judge) -> StaticTorque | None:
-    """Tell whether gravity alone explains a torque, and motion has no part in it; None where motion has, or no joint tells.
+    """Tell whether gravity alone explains a torque, and motion has no part in it; None where it has, or none tells.
 
     Parameters
     ----------

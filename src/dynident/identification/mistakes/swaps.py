@@ -132,7 +132,7 @@ def mistakes_among(moving: BoolArray, parallel: BoolArray | None = None) -> Iter
 
 
 def _of_many_joints(moving: BoolArray) -> Iterator[Mistake]:
-    """Yield signs of all joints, and the size of the torques of all joints from one on: a robot of two makes of drives."""
+    """Yield signs of all joints, and sizes of the torques of all joints from one on, as of two makes of drives."""
     n = len(moving)
     if moving.sum() > 1:
         # Both together are the same arm in a mirror, on the ceiling: gravity tells that.
