@@ -10,7 +10,7 @@ from dynident.recordings import evidence as against_motion
 from dynident.recordings.columns import Layout
 from dynident.recordings.evidence import Evidence
 from dynident.recordings.sampling import RawSample
-from dynident.recordings.stated import DELAY, Revision
+from dynident.recordings.stated import COMMANDED, DELAY, Revision
 from dynident.recordings.types import Check, JointLimits, ModelChecks, Recording, Status
 
 SATURATED = 5e-3
@@ -47,9 +47,11 @@ def torque_checks(
     What a model of the robot says of order and signs goes before what friction alone tells.
     """
     checks = [_saturation(sample, layout, limits), _constant(recording, sample, layout)]
-    if any(check.status == "error" for check in checks):
-        return checks
-    told = _told_by_the_robot(recording, layout, against)
+    wrong = [check for check in checks if check.status == "error"]
+    told = None if wrong and wrong[0].name != "constant_torque" else _told_by_the_robot(recording, layout, against)
+    if wrong:
+        # A command against gravity has no torque at all where gravity has none: that is then what is wrong.
+        return [*(one for one in told or () if one.name == COMMANDED), *checks]
     evidence = against_motion.gather(recording)
     if evidence is None:
         nothing = "The recording is too short, or moves too little, to tell without a model."

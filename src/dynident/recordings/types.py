@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 Status = Literal["ok", "warning", "error"]
 JointKind = Literal["revolute", "prismatic"]
 
+ACCEPTED = " (Accepted.)"
+"""Ends the detail of a finding that the user has accepted."""
+
 # In any unit; fourth powers of it can still be taken.
 _LARGEST_READING = 1e30
 
@@ -97,6 +100,11 @@ class Check:
     row: int | None = None
     time: float | None = None
     apply: Revision | None = None
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether the user has said that the recording is right all the same."""
+        return self.detail.endswith(ACCEPTED)
 
 
 class ModelChecks(Protocol):

@@ -10,7 +10,8 @@ from dynident.arrays import FloatArray
 from dynident.identification.imports.fits import Fits
 from dynident.identification.imports.proposal import Guess, Question
 from dynident.identification.mistakes import examine
-from dynident.identification.mistakes.checks import COMMANDED, GRAVITY, SCALE
+from dynident.identification.mistakes.checks import GRAVITY, SCALE
+from dynident.recordings.stated import COMMANDED
 from dynident.recordings.types import Check
 from dynident.robot import Robot
 
@@ -44,7 +45,9 @@ def hold_against(
     examined = None if recording is None else examine(robot, recording, *names)
     # By how much torques in a unit that is not known are off, is asked with the unit.
     wrong = [] if examined is None else [one for one in examined.checks if _is_finding(one, in_si=in_si)]
-    questions = [Question(_FIELDS.get(one.name, "columns"), one.detail) for one in wrong if _is_asked(one)]
+    questions = [
+        Question(_FIELDS.get(one.name, "columns"), one.detail, check=one.name) for one in wrong if _is_asked(one)
+    ]
     guesses = [Guess("check", one.name.replace("_", " "), 0.5, one.detail) for one in wrong if not _is_asked(one)]
     is_commanded = any(one.name == COMMANDED for one in wrong)
     still = np.flatnonzero((np.ptp(tau, axis=0) == 0) & (np.ptp(q, axis=0) > 0))

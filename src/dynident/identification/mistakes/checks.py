@@ -25,7 +25,7 @@ from dynident.identification.mistakes.search import (
 )
 from dynident.identification.mistakes.static_torque import StaticTorque, find_static_torque
 from dynident.identification.mistakes.swaps import Kind, Mistake, Motion
-from dynident.recordings.stated import DELAY, NO_MEASUREMENT, Axis, Revision
+from dynident.recordings.stated import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Revision
 from dynident.recordings.types import Check, ModelChecks, Recording
 from dynident.robot.model import Robot
 from dynident.threads import single_threaded
@@ -43,7 +43,13 @@ _CHECK: dict[Kind, str] = {
 _SILENT = {"torque_scale", "joint_coupling"}
 """Checks that say nothing where they find nothing, or by themselves."""
 
-COMMANDED, GRAVITY, SCALE = "commanded_torque", "gravity_direction", "torque_scale"
+GRAVITY, SCALE = "gravity_direction", "torque_scale"
+
+VETOES = (COMMANDED, GRAVITY, SCALE, "gravity_load", "torque_sign", "joint_sign")
+"""Checks whose findings leave a model without use, however well it fits: its masses are not the robot's."""
+
+CAUSES = (*VETOES, "torque_order", "joint_order", "joint_coupling")
+"""Checks that say what may be wrong where a model fails."""
 
 _HARDLY = 1.1
 """Times what is left without a mistake below which it is friction that tells of it."""
@@ -242,7 +248,10 @@ def _scales(
             for one in found
             if one.by_friction == by_friction
         ]
-        if names:
+        if len(names) == robot.n > 1 and not by_friction:
+            # By the masses of them all, they are told by one factor.
+            reasons.append(f"{what}all of them ({tau[0]} … {tau[-1]}) {found[0].times:.3g} times")
+        elif names:
             reasons.append(what + ", ".join(names))
     return (
         Check(

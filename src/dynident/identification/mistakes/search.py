@@ -175,7 +175,8 @@ def _best(judge: Judge, robot: Robot, motion: Motion, now: Left) -> _Step | None
                 return None
         if described.refutes(best):
             continue
-        alike = (one for one, other in tried if one is not best and other.score - left.score < ALIKE)
+        own = (best.kind, best.joints)
+        alike = [one for one, other in tried if (one.kind, one.joints) != own and other.score - left.score < ALIKE]
         if best.kind == "torque scaled":
             best = replace(best, factor=by_masses(robot, motion, best.joints, best.factor))
             left = judge.left(best.mended(motion))
