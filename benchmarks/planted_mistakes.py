@@ -37,7 +37,7 @@ from planted_arms import drawn_arms
 
 from dynident.desk.robots import load_robot
 from dynident.identification.mistakes.bands import motion_of, whole_motion_of
-from dynident.identification.mistakes.search import delay_among, left_of
+from dynident.identification.mistakes.search import delay_among, left_of, parallel_to_the_one_before
 from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.sources import ArraySource
@@ -46,6 +46,8 @@ from dynident.robot.pinocchio_model import described_torque
 
 MORE_SETS = (*SETS, "dfki_double_pendulum", "kinova_gen3")
 LATE, NEAR = 0.02, 0.006
+MOVED = 0.02
+"""rad or m that a joint moves at least, for anything to be told of it."""
 HARMLESS = 0.1
 MOST_CURES = 3
 
@@ -195,13 +197,15 @@ def _mistakes(columns: Columns, robot: Robot, rng: np.random.Generator, pairs: i
     n = robot.n
     effort = "tau" if "tau1" in columns else "current"
     q, tau = ("q", "dq", "ddq"), (effort,)
-    all_pairs = list(combinations(range(1, n + 1), 2))
+    # Of joints that rest the data say nothing.
+    moving = [k for k in range(1, n + 1) if np.ptp(columns[f"q{k}"]) > MOVED and np.ptp(columns[f"{effort}{k}"]) > 0]
+    all_pairs = [pair for pair in combinations(range(1, n + 1), 2) if set(pair) <= set(moving)]
     for kind, signals in (("torques swapped", tau), ("positions swapped", q), ("joints swapped", (*q, *tau))):
         for place in rng.permutation(len(all_pairs))[:pairs]:
             a, b = all_pairs[place]
             yield Planted(kind, f"{kind} {a} {b}", _swapped(columns, signals, a, b))
     for kind, signals in (("torque turned", tau), ("position turned", q), ("joint turned", (*q, *tau))):
-        for joint in range(1, n + 1):
+        for joint in moving:
             yield Planted(kind, f"{kind} {joint}", _times(columns, {f"{one}{joint}": -1.0 for one in signals}))
     turning = [joint for joint in range(1, n + 1) if robot.joints[joint - 1].kind == "revolute"]
     degrees = {f"q{joint}": 180.0 / np.pi for joint in turning}
@@ -209,7 +213,7 @@ def _mistakes(columns: Columns, robot: Robot, rng: np.random.Generator, pairs: i
     yield Planted("degrees", "positions and velocities in degrees", _times(
         columns, degrees | {f"dq{joint}": 180.0 / np.pi for joint in turning}))  # fmt: skip
     yield Planted("all gains x 10", "all gains x 10", _times(columns, {f"{effort}{k}": 10.0 for k in range(1, n + 1)}))
-    for joint in range(1, n + 1):
+    for joint in moving:
         yield Planted("one gain x 10", f"gain {joint} x 10", _times(columns, {f"{effort}{joint}": 10.0}))
     for seconds in (LATE, -LATE):
         kind = "20 ms late" if seconds > 0 else "20 ms early"
@@ -218,9 +222,11 @@ def _mistakes(columns: Columns, robot: Robot, rng: np.random.Generator, pairs: i
         yield Planted(kind, kind, _times(columns, {f"{one}{k}": -1.0 for one in signals for k in range(1, n + 1)}))
     first, factor = int(rng.integers(n // 2, n)) + 1, float(FARAWAY * 30.0 ** rng.uniform())
     told = f"torques of joints {first} to {n} x {factor:.0f}"
-    yield Planted("outer gains", told, _times(columns, {f"{effort}{k}": factor for k in range(first, n + 1)}))
-    joint = int(rng.integers(2, n + 1))
-    if robot.joints[joint - 1].kind == robot.joints[joint - 2].kind:
+    if set(range(first - 1, n + 1)) <= set(moving):
+        yield Planted("outer gains", told, _times(columns, {f"{effort}{k}": factor for k in range(first, n + 1)}))
+    for joint in (int(one) + 1 for one in np.flatnonzero(parallel_to_the_one_before(robot))):
+        if not {joint - 1, joint} <= set(moving):
+            continue
         counted = {f"q{joint}": columns[f"q{joint}"] + columns[f"q{joint - 1}"]}
         others = {name: values for name, values in columns.items() if name.rstrip("0123456789") not in ("dq", "ddq")}
         yield Planted("coupled", f"joint {joint} counted from {joint - 1}", others | counted)
@@ -240,6 +246,8 @@ def _of_description(columns: Columns, robot: Robot, effort: str, rng: np.random.
     yield Planted("grams", "description in grams", columns, robot=replace(robot, inertias=robot.inertias * factors))
     q = np.stack([columns[f"q{k + 1}"] for k in range(robot.n)], axis=1)
     load = described_torque(robot, q, np.zeros_like(q), np.zeros_like(q))
+    if np.ptp(load, axis=0).max() < 1e-3:
+        return
     load = load + 2e-3 * np.abs(load).max() * rng.normal(size=load.shape)
     yield Planted("command", "load of gravity", columns | {f"{effort}{k + 1}": load[:, k] for k in range(robot.n)})
 

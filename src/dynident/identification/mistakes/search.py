@@ -26,7 +26,7 @@ MOST_JOINTS = 12
 
 _ROWS_PER_COLUMN = 8
 
-_CERTAIN, _CERTAIN_OF_JOINTS, _SOUND = 1.2, 2.4, 0.2
+_CERTAIN, _CERTAIN_OF_JOINTS, SOUND = 1.2, 2.4, 0.2
 """Sum over the joints of the logarithm of what is left that falls without a mistake, from which on nothing else is
 likely: of torques or positions alone, and of whole joints; and what may then be left of an average joint's torque. A
 zero that is off by 90 degrees or a gain that is ten times too large look like an exchange by up to 1.0 and 1.6 on arms
@@ -45,8 +45,12 @@ it is more, they do not go with the others, for whatever reason. Of right short 
 order or a sign looked wrong, with what was planted at most 0.5. What comes of it is among the short motions of
 `benchmarks/gross_mistakes.py`."""
 
-_CURED = 0.4
+_CURED = 0.3
 """Of what is left without a mistake on an average joint: where it is more, something else is wrong."""
+
+_OFF = 0.05
+"""Share of the other joints' friction below which a joint's torque has none: its drive is off, and nothing is told of
+its sign or size. Of an arm with a free motor it was up to 0.04; the smallest of drives that are on has 0.15."""
 
 WORST_EXPLAINED = 0.15
 """Share of the torque of the joint that is explained worst, below which nothing else about the robot is looked for."""
@@ -120,7 +124,7 @@ def find_mistakes(
         least = _CERTAIN_OF_JOINTS if step.mistake.is_of_whole_joints else _CERTAIN
         # A drive that is coupled with its neighbour looks like a gain that is wrong, by as much; of several none does.
         may_be_sure = step.mistake.kind != "torque scaled" or len(step.mistake.joints) > 1
-        certain = may_be_sure and summed >= least and step.left.usual <= _SOUND
+        certain = may_be_sure and summed >= least and step.left.usual <= SOUND
         found.append(Finding(step.mistake, step.alike, now.usual, step.left.usual, certain))
         motion, now = mended, step.left
     return tuple(found), now
@@ -163,7 +167,8 @@ def _best(judge: Judge, robot: Robot, motion: Motion, now: Left) -> _Step | None
     """The mistake without which least is left of a motion; None where none is told."""
     sizes = _Sizes(load_of(robot, motion), judge.frictions(motion), _excess(judge, robot, motion))
     among = mistakes_among(now.moving, parallel_to_the_one_before(robot))
-    possible = [one for one in among if _may_be(one, robot, motion, sizes)]
+    off = _joints_off(sizes.frictions)
+    possible = [one for one in among if one.joints not in off and _may_be(one, robot, motion, sizes)]
     tried = [(one, judge.left(one.mended(motion))) for one in possible]
     described = SecondOpinion(robot, motion, now)
     for best, left in sorted(tried, key=lambda pair: pair[1].score):
@@ -182,6 +187,14 @@ def _best(judge: Judge, robot: Robot, motion: Motion, now: Left) -> _Step | None
             left = judge.left(best.mended(motion))
         return _Step(best, tuple(one for one in alike if not described.refutes(one)), left)
     return None
+
+
+def _joints_off(frictions: FloatArray) -> set[tuple[int, ...]]:
+    """Joints, one by one, whose torque has no friction beside that of the others, of friction (blocks, n)."""
+    size = np.abs(np.median(frictions, axis=0))
+    others = [np.delete(size, joint) for joint in range(len(size))]
+    usual = [float(np.median(one[np.isfinite(one)])) if np.isfinite(one).any() else 0.0 for one in others]
+    return {(joint,) for joint in range(len(size)) if size[joint] < _OFF * usual[joint]}
 
 
 @dataclass(frozen=True, eq=False)

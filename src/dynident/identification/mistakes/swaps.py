@@ -124,8 +124,12 @@ def mistakes_among(moving: BoolArray, parallel: BoolArray | None = None) -> Iter
             pair = (int(joint), int(joint) - 1)
             yield from (Mistake("joint coupled", pair, factor) for factor in (1.0, -1.0))
     joints = [int(j) for j in np.flatnonzero(moving)]
-    for first, second in combinations(joints, 2):
-        yield from (Mistake(kind, (first, second)) for kind in _SWAPS)
+    for first, second in combinations(range(len(moving)), 2):
+        if moving[first] and moving[second]:
+            yield from (Mistake(kind, (first, second)) for kind in _SWAPS)
+        elif moving[first] or moving[second]:
+            # Of a joint at rest nothing is told but that its column does not hold the other's torque.
+            yield Mistake("torques swapped", (first, second))
     for joint in joints:
         yield from (Mistake(kind, (joint,)) for kind in _TURNS)
         yield from (Mistake("torque scaled", (joint,), factor) for factor in FACTORS)
