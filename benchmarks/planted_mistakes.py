@@ -129,14 +129,16 @@ def main() -> None:
     outcomes: list[Outcome] = []
     untouched = [("recording", "said of the untouched file")]
     for name, robot, columns in _subjects(rng, options):
-        right = _read(robot, columns)
+        right = read_file(robot, columns)
         told = ", ".join(f"{one.name} ({one.status})" for one in right.found.values()) or "nothing"
         untouched.append((name, told))
         print(*untouched[-1], flush=True)
         if right.recording is None:
             continue
-        for planted in _drawn(list(_mistakes(columns, robot, rng, options.pairs)), rng, options):
-            one = _tried(robot, right, planted)
+        planted_ones = list(plant_mistakes(columns, robot, rng, options.pairs))
+        wanted = [one for one in planted_ones if options.kind in (None, one.kind)]
+        for planted in draw_mistakes(wanted, rng, options.draws):
+            one = try_mistake(robot, right, planted)
             outcomes.append(one)
             if one.harmful and (one.wrongly or not (one.noticed and one.first)):
                 print(f"  {planted.told}: first {one.first}, wrongly {one.wrongly}: {one.said}", flush=True)
@@ -150,7 +152,7 @@ def _subjects(rng: np.random.Generator, options: argparse.Namespace) -> Iterator
             continue
         robot = recorded_robot(name)
         for path in sorted((DATA / name).glob("*.parquet")):
-            yield f"{name}/{path.stem}", robot, _columns(path)
+            yield f"{name}/{path.stem}", robot, columns_of(path)
     if options.only in (None, "drawn"):
         yield from drawn_arms(rng, options.arms)
 
@@ -161,14 +163,12 @@ def recorded_robot(name: str) -> Robot:
     return load_robot(DATA / name / others[name]) if name in others else robot_of(name)
 
 
-def _drawn(planted: list[Planted], rng: np.random.Generator, options: argparse.Namespace) -> list[Planted]:
-    """As many mistakes as are to be tried in a recording, every kind as often as others."""
-    if options.kind is not None:
-        planted = [one for one in planted if one.kind == options.kind]
+def draw_mistakes(planted: list[Planted], rng: np.random.Generator, draws: int) -> list[Planted]:
+    """Draw as many mistakes as are to be tried in a recording, every kind as often as others."""
     order = [planted[k] for k in rng.permutation(len(planted))]
     nth = [sum(other.kind == one.kind for other in order[:k]) for k, one in enumerate(order)]
     turns = sorted(range(len(order)), key=lambda k: nth[k])
-    return [order[k] for k in turns[: options.draws]]
+    return [order[k] for k in turns[:draws]]
 
 
 def _table(outcomes: list[Outcome]) -> list[tuple[str, ...]]:
@@ -187,13 +187,13 @@ def _kinds(outcomes: list[Outcome]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(one.planted.kind for one in outcomes))
 
 
-def _columns(path: Path) -> Columns:
+def columns_of(path: Path) -> Columns:
     table = pq.read_table(path)
     names = [name for name in table.column_names if not name.startswith("tau_commanded")]
     return {name: table[name].to_numpy().astype(np.float64) for name in names}
 
 
-def _mistakes(columns: Columns, robot: Robot, rng: np.random.Generator, pairs: int) -> Iterator[Planted]:
+def plant_mistakes(columns: Columns, robot: Robot, rng: np.random.Generator, pairs: int) -> Iterator[Planted]:
     n = robot.n
     effort = "tau" if "tau1" in columns else "current"
     q, tau = ("q", "dq", "ddq"), (effort,)
@@ -280,7 +280,7 @@ def _late(columns: Columns, effort: str, seconds: float) -> Columns:
     }
 
 
-def _read(robot: Robot, columns: Columns, said: RecordingMetadata | None = None) -> Read:
+def read_file(robot: Robot, columns: Columns, said: RecordingMetadata | None = None) -> Read:
     """Read columns as a file."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "file.parquet"
@@ -299,11 +299,11 @@ def _in_memory(recording: Recording) -> Recording:
     return replace(recording, source=ArraySource(q, tau), has_temperature=False, has_command=False, path=None)
 
 
-def _tried(robot: Robot, right: Read, planted: Planted) -> Outcome:
+def try_mistake(robot: Robot, right: Read, planted: Planted) -> Outcome:
     said, noticed, refused, words = RecordingMetadata(), False, False, ""
     known, first, ordered = {name for name, one in right.found.items()}, False, True
     robot = planted.robot or robot
-    read = _read(robot, planted.columns)
+    read = read_file(robot, planted.columns)
     for turn in range(MOST_CURES + 1):
         new = [one for name, one in read.found.items() if name not in known]
         # A check that warned already of something else may say more now.
@@ -318,11 +318,12 @@ def _tried(robot: Robot, right: Read, planted: Planted) -> Outcome:
             break
         ordered &= any(one.status == "error" and one.apply is not None for one in new)
         said = cure.of(said)
-        read = _read(robot, planted.columns, said)
+        read = read_file(robot, planted.columns, said)
     cured = noticed and planted.kind not in TOLD_ONLY and _is_cured(robot, right, read, planted, said)
     wrongly = said != RecordingMetadata() and ordered and read.recording is not None and not cured
     harmful = cured or _harm(robot, right, planted)
-    return Outcome(planted, harmful, noticed, refused, cured, first, wrongly, words)
+    # An arm that moves in a mirror as it does: what is said instead is the same.
+    return Outcome(planted, harmful, noticed, refused, cured, first or cured, wrongly, words)
 
 
 def _harm(robot: Robot, right: Read, planted: Planted) -> bool:
@@ -330,7 +331,7 @@ def _harm(robot: Robot, right: Read, planted: Planted) -> bool:
         return True
     accept = ("torque_order", "joint_order", "torque_sign", "joint_sign", "position_unit", "velocity_unit",
               "gravity_direction", "joint_coupling", "torque_scale")  # fmt: skip
-    read = _read(robot, planted.columns, RecordingMetadata(accept=accept))
+    read = read_file(robot, planted.columns, RecordingMetadata(accept=accept))
     if read.recording is None or right.recording is None:
         return True
     usual, bad = (motion_of(one.recording) for one in (right, read) if one.recording is not None)
@@ -345,7 +346,7 @@ def _is_cured(robot: Robot, right: Read, read: Read, planted: Planted, said: Rec
         return abs(said.torque_delay - planted.delay - _natural(robot, right)) <= NEAR
     if right.recording is None or read.recording is None:
         return False
-    now, then = (_signals(one.recording) for one in (right, read) if one.recording is not None)
+    now, then = (signals_of(one.recording) for one in (right, read) if one.recording is not None)
     if now.shape == then.shape and np.allclose(now, then, rtol=1e-3, atol=1e-3 * np.abs(now).max(axis=0)):
         return True
     usual, left = motion_of(right.recording), motion_of(read.recording)
@@ -361,7 +362,7 @@ def _natural(robot: Robot, right: Read) -> float:
     return 0.0 if found is None else found.seconds
 
 
-def _signals(recording: Recording) -> FloatArray:
+def signals_of(recording: Recording) -> FloatArray:
     rows = list(recording.source.rows(0, recording.n_samples, 1 << 16))
     return np.concatenate([np.hstack([one.q, one.tau]) for one in rows])
 
