@@ -59,7 +59,8 @@ NAMES: dict[str, tuple[str, ...]] = {
     "position turned": ("torque_sign", "joint_sign"),
     "joint turned": ("torque_sign", "joint_sign"),
     "all torques turned": ("torque_sign",),
-    "all positions turned": ("joint_sign",),
+    # Of an arm in a plane both are one, and both are said.
+    "all positions turned": ("joint_sign", "torque_sign"),
     "degrees": ("position_unit", "velocity_unit"),
     "all gains x 10": ("torque_scale", "saturation"),
     "one gain x 10": ("torque_scale", "saturation"),

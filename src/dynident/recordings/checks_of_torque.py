@@ -59,8 +59,8 @@ def torque_checks(
     evidence = against_motion.gather(recording)
     if evidence is None:
         nothing = "The recording is too short, or moves too little, to tell without a model."
-        columns = (Check("torque_order", "ok", nothing), Check("torque_sign", "ok", nothing))
-        return [*checks, *columns, Check("torque_alignment", "ok", nothing), *(told or ())]
+        silent = (Check(name, "ok", nothing) for name in ("torque_order", "torque_sign", "torque_alignment"))
+        return [*checks, *silent, *(told or ())]
     columns = _columns(recording, evidence, layout, sample)
     return [*checks, *columns, _alignment(recording, evidence, layout, sample), *(told or ())]
 

@@ -52,7 +52,7 @@ def hold_against(
     is_commanded = any(one.name == COMMANDED for one in wrong)
     still = np.flatnonzero((np.ptp(tau, axis=0) == 0) & (np.ptp(q, axis=0) > 0))
     if len(still) and not is_commanded:
-        never = ", ".join(names[1][joint] for joint in still)
+        never = ", ".join(names[1][int(joint)] for joint in still)
         questions.append(
             Question("columns/tau", f"{never} never change while the joints move: where is the measured torque?")
         )

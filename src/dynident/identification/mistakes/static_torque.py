@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray
+from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.identification.mistakes.judge import BLOCKS, Judge
 from dynident.identification.mistakes.swaps import Motion
 from dynident.robot.model import Robot
@@ -54,7 +54,8 @@ def find_static_torque(robot: Robot, motion: Motion, judge: Judge) -> StaticTorq
     if not np.linalg.norm(robot.gravity) > 1.0 or float(np.std(motion.q, axis=0).max(initial=0.0)) < _MOVES:
         return None
     every = max(1, len(motion.q) // _STATES)
-    q, dq, ddq, tau, block = (part[::every] for part in (motion.q, motion.dq, motion.ddq, motion.tau, motion.block))
+    q, dq, ddq, tau = (part[::every] for part in (motion.q, motion.dq, motion.ddq, motion.tau))
+    block = motion.block[::every]
     spread = tau.std(axis=0)
     heavy: BoolArray = (spread > _HEAVY * spread.max(initial=0.0)) & (dq.std(axis=0) > 0)
     loads = judge.loads(q)
@@ -71,8 +72,8 @@ def find_static_torque(robot: Robot, motion: Motion, judge: Judge) -> StaticTorq
     return StaticTorque(float(worst[0]), float(worst[1]), tuple(int(joint) for joint in np.flatnonzero(heavy)))
 
 
-def _shares(loads: FloatArray, own: FloatArray, tau: FloatArray, block: FloatArray) -> tuple[float, float]:
-    """What the load leaves of a joint's torque, held out, and the share of it that friction and inertia explain."""
+def _shares(loads: FloatArray, own: FloatArray, tau: FloatArray, block: IntArray) -> tuple[float, float]:
+    """What the load leaves of a joint's torque, held out, and the share that friction and inertia explain beside it."""
     rows = np.column_stack([loads, np.ones(len(tau)), own])
     rows = rows / np.maximum(np.sqrt((rows**2).mean(axis=0)), np.finfo(float).tiny)
     n = rows.shape[1] - own.shape[1]
@@ -82,6 +83,7 @@ def _shares(loads: FloatArray, own: FloatArray, tau: FloatArray, block: FloatArr
         solved = np.linalg.lstsq(rows[inside, :n], tau[inside], rcond=1e-6)[0]
         squares += float(((tau[~inside] - rows[~inside, :n] @ solved) ** 2).sum())
     size = float((tau**2).sum())
-    solved = np.linalg.lstsq(rows, tau, rcond=1e-6)[0]
-    moving = rows[:, n:] @ solved[n:]
-    return float(np.sqrt(squares / size)), float(np.sqrt((moving**2).sum() / size))
+    # What of friction and inertia looks like a load, in a small motion, is none of theirs.
+    by_load, by_all = (tau - part @ np.linalg.lstsq(part, tau, rcond=1e-6)[0] for part in (rows[:, :n], rows))
+    beside = max(float((by_load**2).sum() - (by_all**2).sum()), 0.0)
+    return float(np.sqrt(squares / size)), float(np.sqrt(beside / size))

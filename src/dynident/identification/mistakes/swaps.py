@@ -120,8 +120,8 @@ def mistakes_among(moving: BoolArray, parallel: BoolArray | None = None) -> Iter
     """
     yield from _of_many_joints(moving)
     if parallel is not None:
-        for joint in np.flatnonzero(parallel & moving):
-            pair = (int(joint), int(joint) - 1)
+        for index in np.flatnonzero(parallel & moving):
+            pair = (int(index), int(index) - 1)
             yield from (Mistake("joint coupled", pair, factor) for factor in (1.0, -1.0))
     joints = [int(j) for j in np.flatnonzero(moving)]
     for first, second in combinations(range(len(moving)), 2):
