@@ -433,3 +433,14 @@ def test_constant_torques_do_not_make_a_short_right_recording_one_with_columns_i
 def test_a_mistake_is_named_beside_constant_torques_too(seed: int) -> None:
     found, _ = mistakes_in(ROBOT, short_run(seed, [0, 2, 1, 3, 4, 5])) or ((), 1.0)
     assert [one.mistake for one in found] == [Mistake("torques swapped", (1, 2))]
+
+
+def test_a_command_is_told_where_a_joint_without_a_load_has_no_torque_at_all(tmp_path: Path) -> None:
+    motion, _ = measured()
+    still = np.zeros_like(motion.q)
+    load = pinocchio_torque(ROBOT, motion.q, still, still)
+    assert np.ptp(load[:, 0]) == pytest.approx(0.0, abs=1e-9)
+    with pytest.raises(RecordingError) as refused:
+        brought_in(written(tmp_path / "command.csv", list(range(6)), np.where(np.arange(6) == 0, 0.0, load)))
+    wrong = [one.name for one in refused.value.checks if one.status == "error"]
+    assert wrong == ["commanded_torque", "constant_torque"]

@@ -48,9 +48,11 @@ class Answers:
             return self.cure or question.check in self.accept or (question.field in ("units/tau",) and bool(self.units))
         about, _, key = question.field.partition("/")
         if about == "effort_kind":
-            return any(_kind(one) in ("tau", "current") for one in (*self.columns, *self.units))
-        given = {"columns": self.columns, "units": self.units}.get(about, {})
-        return any(not key or _kind(one) == _kind(key) for one in given)
+            # What is no measurement in any unit has other columns as an answer alone.
+            given = (*self.columns, *self.units) if question.choices else tuple(self.columns)
+            return any(_kind(one) in ("tau", "current") for one in given)
+        told = {"columns": self.columns, "units": self.units}.get(about, {})
+        return any(not key or _kind(one) == _kind(key) for one in told)
 
 
 def _kind(key: str) -> str:
