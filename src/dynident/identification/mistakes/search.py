@@ -185,8 +185,12 @@ def _best(judge: Judge, robot: Robot, motion: Motion, now: Left) -> _Step | None
         if best.kind == "torque scaled":
             best = replace(best, factor=by_masses(robot, motion, best.joints, best.factor))
             left = judge.left(best.mended(motion))
-        return _Step(best, tuple(one for one in alike if not described.refutes(one)), left)
+        return _Step(best, tuple(one for one in alike if not _is_told_apart(best, one, described)), left)
     return None
+
+
+def _is_told_apart(best: Mistake, other: Mistake, described: SecondOpinion) -> bool:
+    return described.refutes(other) or described.prefers(best, other)
 
 
 def _joints_off(frictions: FloatArray) -> set[tuple[int, ...]]:
