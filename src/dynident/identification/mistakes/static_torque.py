@@ -14,15 +14,18 @@ from dynident.robot.model import Robot
 _STATES = 800
 """Rows that tell: a load of gravity has a few parameters a joint."""
 
-_HEAVY = 0.1
+_HEAVY = 0.3
 """Of the largest torque: joints with more are asked. What is left of the others' is noise."""
 
-_EXPLAINED = 0.1
+_EXPLAINED = 0.2
 """Share of a joint's torque that the load of gravity may leave, in blocks of time that were not fitted to."""
 
 _NO_FRICTION = 0.01
 """Share of a joint's torque that friction and inertia together may have: of measured torques friction alone has 0.02
 and more, even of direct drives, since joints move on bearings and seals."""
+
+_BY_CHANCE = 0.15
+"""Share of what the load leaves that three columns explain of noise in so few hundred rows that hang together."""
 
 _MOVES = 0.01
 """rad or m that the fastest joint must move in the mean, or nothing tells friction."""
@@ -63,7 +66,7 @@ def find_static_torque(robot: Robot, motion: Motion, judge: Judge) -> StaticTorq
     for joint in np.flatnonzero(heavy):
         own = np.column_stack([np.sign(dq[:, joint]), dq[:, joint], ddq[:, joint]])
         left, moving = _shares(loads[joint], own, tau[:, joint], block)
-        if left > _EXPLAINED or moving > _NO_FRICTION:
+        if left > _EXPLAINED or moving > max(_NO_FRICTION, _BY_CHANCE * left):
             return None
         shares.append((left, moving))
     if not shares:
