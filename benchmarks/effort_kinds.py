@@ -25,7 +25,7 @@ import numpy as np
 import pinocchio as pin
 from common import FloatArray, show
 from imports import DATA, robot_of
-from planted_mistakes import _columns, _read, _signals
+from planted_mistakes import columns_of, read_file, signals_of
 from scipy.signal import butter, filtfilt
 
 from dynident.identification.imports.effort import CANNOT_TELL
@@ -87,9 +87,9 @@ def main() -> None:
 def _recorded(file: str) -> tuple[Robot, FloatArray, FloatArray, FloatArray]:
     """The robot, and t (m,), q and tau (m, n) in SI units on an even grid."""
     robot = robot_of(file.split("/")[0])
-    read = _read(robot, _columns(DATA / f"{file}.parquet"))
+    read = read_file(robot, columns_of(DATA / f"{file}.parquet"))
     assert read.recording is not None
-    signals = _signals(read.recording)[:ROWS]
+    signals = signals_of(read.recording)[:ROWS]
     t = np.arange(len(signals)) * read.recording.period
     return replace(robot, drives=tuple(Drive() for _ in robot.joints)), t, signals[:, : robot.n], signals[:, robot.n :]
 

@@ -49,6 +49,7 @@ from hiding.manners import Manners
 from hiding.recorded import recorded
 from placebos.subjects import REAL_ARMS, imported
 
+from dynident.identification.mistakes.bands import motion_of, whole_motion_of
 from dynident.identification.mistakes.checks import checks_against
 from dynident.identification.mistakes.scales import scales_of
 from dynident.identification.mistakes.search import (
@@ -56,8 +57,6 @@ from dynident.identification.mistakes.search import (
     excess_in,
     left_of,
     mistakes_of,
-    motion_of,
-    whole_motion_of,
 )
 from dynident.identification.mistakes.swaps import Mistake, Motion, mistakes_among
 from dynident.recordings import Recording, recording_from_arrays

@@ -1,13 +1,17 @@
 """Gross mistakes planted in whole files of real robots: are they noticed when the file is read, and rightly mended?
 
-    python benchmarks/planted_mistakes.py [--seed 1 | --seed new] [--pairs 5] [--only ur10e] [--kind 'one gain x 10']
+    python benchmarks/planted_mistakes.py [--seed 1 | --seed new] [--arms 12] [--draws 8] [--only ur10] [--kind gravity]
 
-Every open recording is read untouched, then with one mistake in its columns: torques, positions or both of two joints
-exchanged, a sign turned round, degrees for radians, gains ten times too large (all joints, each joint), torque 20 ms
-late or early. `noticed`: a check warns or refuses that did not on the untouched file. `cured`: what the checks propose
-(their `apply`), applied one after the other, gives the untouched signals back, or ones that the robot's dynamics
-explain as well; of delays, what is said is what was planted and what the untouched file has, to 6 ms. `harmful` are
-those that let the unexplained share of the torque grow by a tenth, and those of unit, gain and delay.
+Every open recording and recordings of drawn arms, elastic and poorly excited ones among them, are read untouched, then
+with one mistake: torques, positions or both of two joints exchanged, a sign turned round, all signs, degrees for
+radians, gains ten times too large (all joints, each joint), the torque of the outer joints in counts, torque 20 ms late
+or early, gravity in another direction than the description has it, the load of gravity for a measurement, a joint
+counted from the one before, the description in grams. `noticed`: a check warns or refuses that did not on the untouched
+file. `true first`: the first thing that is said is what was planted. `cured`: what the checks propose (their `apply`),
+applied one after the other, gives the untouched signals back, or ones that the robot's dynamics explain as well; of
+delays, what is said is what was planted and what the untouched file has, to 6 ms. `wrongly ordered`: what `--cure`
+makes of the file is read, and neither. `harmful` are those that let the unexplained share of the torque grow by a
+tenth, and those of unit, gain, delay and kind.
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ from __future__ import annotations
 import argparse
 import os
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -29,16 +33,50 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from common import FloatArray, show
 from imports import DATA, SETS, robot_of
+from planted_arms import drawn_arms
 
-from dynident.identification.mistakes.search import delay_among, left_of, motion_of, whole_motion_of
+from dynident.desk.robots import load_robot
+from dynident.identification.mistakes.bands import motion_of, whole_motion_of
+from dynident.identification.mistakes.search import delay_among, left_of, parallel_to_the_one_before
 from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.sources import ArraySource
 from dynident.robot import Robot
+from dynident.robot.pinocchio_model import described_torque
 
+MORE_SETS = (*SETS, "dfki_double_pendulum", "kinova_gen3")
 LATE, NEAR = 0.02, 0.006
+MOVED = 0.02
+"""rad or m that a joint moves at least, for anything to be told of it."""
 HARMLESS = 0.1
 MOST_CURES = 3
+
+NAMES: dict[str, tuple[str, ...]] = {
+    "torques swapped": ("torque_order", "joint_order"),
+    "positions swapped": ("torque_order", "joint_order"),
+    "joints swapped": ("torque_order", "joint_order"),
+    "torque turned": ("torque_sign", "joint_sign"),
+    "position turned": ("torque_sign", "joint_sign"),
+    "joint turned": ("torque_sign", "joint_sign"),
+    "all torques turned": ("torque_sign",),
+    # Of an arm in a plane both are one, and both are said.
+    "all positions turned": ("joint_sign", "torque_sign"),
+    "degrees": ("position_unit", "velocity_unit"),
+    "all gains x 10": ("torque_scale", "saturation"),
+    "one gain x 10": ("torque_scale", "saturation"),
+    "outer gains": ("torque_scale",),
+    "20 ms late": ("torque_delay", "torque_alignment"),
+    "20 ms early": ("torque_delay", "torque_alignment"),
+    "gravity": ("gravity_direction",),
+    "command": ("commanded_torque", "constant_torque"),
+    "coupled": ("joint_coupling",),
+    "grams": ("description_units",),
+}
+"""Checks that name each mistake."""
+TOLD_ONLY = ("gravity", "command", "coupled", "grams")
+"""Mistakes that nothing said of the file puts right."""
+FARAWAY = 30.0
+"""Factor by which the outer joints' torques are multiplied at least, at most thirty times it."""
 
 Columns = dict[str, FloatArray]
 
@@ -51,6 +89,9 @@ class Planted:
     told: str
     columns: Columns
     delay: float = 0.0
+    robot: Robot | None = None
+    """What the description then says, where the mistake is in it; `gravity` is the one before."""
+    gravity: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -62,6 +103,8 @@ class Outcome:
     noticed: bool
     refused: bool
     cured: bool
+    first: bool
+    wrongly: bool
     said: str
 
 
@@ -86,33 +129,57 @@ def main() -> None:
     rng = np.random.default_rng(seed)
     outcomes: list[Outcome] = []
     untouched = [("recording", "said of the untouched file")]
-    for name in SETS if options.only is None else (options.only,):
-        robot = robot_of(name)
-        for path in sorted((DATA / name).glob("*.parquet")):
-            columns = _columns(path)
-            right = _read(robot, columns)
-            told = ", ".join(f"{one.name} ({one.status})" for one in right.found.values()) or "nothing"
-            untouched.append((f"{name}/{path.stem}", told))
-            print(*untouched[-1], flush=True)
-            if right.recording is None:
-                continue
-            for planted in _mistakes(columns, robot, rng, options.pairs):
-                if options.kind is not None and planted.kind != options.kind:
-                    continue
-                one = _tried(robot, right, planted)
-                outcomes.append(one)
-                if one.harmful and not (one.noticed and one.cured):
-                    print(f"  {planted.told}: noticed {one.noticed}, cured {one.cured}: {one.said}", flush=True)
+    for name, robot, columns in _subjects(rng, options):
+        right = read_file(robot, columns)
+        told = ", ".join(f"{one.name} ({one.status})" for one in right.found.values()) or "nothing"
+        untouched.append((name, told))
+        print(*untouched[-1], flush=True)
+        if right.recording is None:
+            continue
+        planted_ones = list(plant_mistakes(columns, robot, rng, options.pairs))
+        wanted = [one for one in planted_ones if options.kind in (None, one.kind)]
+        for planted in draw_mistakes(wanted, rng, options.draws):
+            one = try_mistake(robot, right, planted)
+            outcomes.append(one)
+            if one.harmful and (one.wrongly or not (one.noticed and one.first)):
+                print(f"  {planted.told}: first {one.first}, wrongly {one.wrongly}: {one.said}", flush=True)
     show("Untouched files", untouched)
     show("Planted mistakes", _table(outcomes))
 
 
+def _subjects(rng: np.random.Generator, options: argparse.Namespace) -> Iterator[tuple[str, Robot, Columns]]:
+    for name in MORE_SETS if options.only is None else (options.only,):
+        if name == "drawn" or not (DATA / name).is_dir():
+            continue
+        robot = recorded_robot(name)
+        for path in sorted((DATA / name).glob("*.parquet")):
+            yield f"{name}/{path.stem}", robot, columns_of(path)
+    if options.only in (None, "drawn"):
+        yield from drawn_arms(rng, options.arms)
+
+
+def recorded_robot(name: str) -> Robot:
+    """The robot of a set of recordings."""
+    others = {"dfki_double_pendulum": "design_C.urdf", "kinova_gen3": "kinova.urdf"}
+    return load_robot(DATA / name / others[name]) if name in others else robot_of(name)
+
+
+def draw_mistakes(planted: list[Planted], rng: np.random.Generator, draws: int) -> list[Planted]:
+    """Draw as many mistakes as are to be tried in a recording, every kind as often as others."""
+    order = [planted[k] for k in rng.permutation(len(planted))]
+    nth = [sum(other.kind == one.kind for other in order[:k]) for k, one in enumerate(order)]
+    turns = sorted(range(len(order)), key=lambda k: nth[k])
+    return [order[k] for k in turns[:draws]]
+
+
 def _table(outcomes: list[Outcome]) -> list[tuple[str, ...]]:
-    rows = [("mistake", "planted", "harmful", "noticed", "cured", "refused")]
+    rows = [("mistake", "planted", "harmful", "noticed", "true first", "cured", "refused", "wrongly ordered")]
     kinds = {kind: [one for one in outcomes if one.planted.kind == kind] for kind in _kinds(outcomes)}
     for kind, own in (*kinds.items(), ("all", outcomes)):
         harmful = [one for one in own if one.harmful]
-        counts = (sum(getattr(one, word) for one in harmful) for word in ("noticed", "cured", "refused"))
+        counts = (
+            sum(getattr(one, word) for one in harmful) for word in ("noticed", "first", "cured", "refused", "wrongly")
+        )
         rows.append((kind, str(len(own)), str(len(harmful)), *map(str, counts)))
     return rows
 
@@ -121,22 +188,25 @@ def _kinds(outcomes: list[Outcome]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(one.planted.kind for one in outcomes))
 
 
-def _columns(path: Path) -> Columns:
+def columns_of(path: Path) -> Columns:
     table = pq.read_table(path)
-    return {name: table[name].to_numpy().astype(np.float64) for name in table.column_names}
+    names = [name for name in table.column_names if not name.startswith("tau_commanded")]
+    return {name: table[name].to_numpy().astype(np.float64) for name in names}
 
 
-def _mistakes(columns: Columns, robot: Robot, rng: np.random.Generator, pairs: int) -> Iterator[Planted]:
+def plant_mistakes(columns: Columns, robot: Robot, rng: np.random.Generator, pairs: int) -> Iterator[Planted]:
     n = robot.n
     effort = "tau" if "tau1" in columns else "current"
     q, tau = ("q", "dq", "ddq"), (effort,)
-    all_pairs = list(combinations(range(1, n + 1), 2))
+    # Of joints that rest the data say nothing.
+    moving = [k for k in range(1, n + 1) if np.ptp(columns[f"q{k}"]) > MOVED and np.ptp(columns[f"{effort}{k}"]) > 0]
+    all_pairs = [pair for pair in combinations(range(1, n + 1), 2) if set(pair) <= set(moving)]
     for kind, signals in (("torques swapped", tau), ("positions swapped", q), ("joints swapped", (*q, *tau))):
         for place in rng.permutation(len(all_pairs))[:pairs]:
             a, b = all_pairs[place]
             yield Planted(kind, f"{kind} {a} {b}", _swapped(columns, signals, a, b))
     for kind, signals in (("torque turned", tau), ("position turned", q), ("joint turned", (*q, *tau))):
-        for joint in range(1, n + 1):
+        for joint in moving:
             yield Planted(kind, f"{kind} {joint}", _times(columns, {f"{one}{joint}": -1.0 for one in signals}))
     turning = [joint for joint in range(1, n + 1) if robot.joints[joint - 1].kind == "revolute"]
     degrees = {f"q{joint}": 180.0 / np.pi for joint in turning}
@@ -144,11 +214,54 @@ def _mistakes(columns: Columns, robot: Robot, rng: np.random.Generator, pairs: i
     yield Planted("degrees", "positions and velocities in degrees", _times(
         columns, degrees | {f"dq{joint}": 180.0 / np.pi for joint in turning}))  # fmt: skip
     yield Planted("all gains x 10", "all gains x 10", _times(columns, {f"{effort}{k}": 10.0 for k in range(1, n + 1)}))
-    for joint in range(1, n + 1):
+    for joint in moving:
         yield Planted("one gain x 10", f"gain {joint} x 10", _times(columns, {f"{effort}{joint}": 10.0}))
     for seconds in (LATE, -LATE):
         kind = "20 ms late" if seconds > 0 else "20 ms early"
         yield Planted(kind, kind, _late(columns, effort, seconds), seconds)
+    for kind, signals in (("all torques turned", tau), ("all positions turned", q)):
+        yield Planted(kind, kind, _times(columns, {f"{one}{k}": -1.0 for one in signals for k in range(1, n + 1)}))
+    first, factor = int(rng.integers(n // 2, n)) + 1, float(FARAWAY * 30.0 ** rng.uniform())
+    told = f"torques of joints {first} to {n} x {factor:.0f}"
+    if set(range(first - 1, n + 1)) <= set(moving):
+        yield Planted("outer gains", told, _times(columns, {f"{effort}{k}": factor for k in range(first, n + 1)}))
+    for joint in (int(one) + 1 for one in np.flatnonzero(parallel_to_the_one_before(robot))):
+        if not {joint - 1, joint} <= set(moving):
+            continue
+        counted = {f"q{joint}": columns[f"q{joint}"] + columns[f"q{joint - 1}"]}
+        others = {name: values for name, values in columns.items() if name.rstrip("0123456789") not in ("dq", "ddq")}
+        yield Planted("coupled", f"joint {joint} counted from {joint - 1}", others | counted)
+    yield from _of_description(columns, robot, effort, rng)
+
+
+def _of_description(columns: Columns, robot: Robot, effort: str, rng: np.random.Generator) -> Iterator[Planted]:
+    """Mistakes in the description, and what is computed from it."""
+    for _ in range(2):
+        turned = DIRECTIONS[int(rng.integers(len(DIRECTIONS)))](robot.gravity)
+        leaning = replace(robot, gravity=turned)
+        yield Planted("gravity", f"gravity along {np.round(turned, 1)}", columns, robot=leaning, gravity=robot.gravity)
+    if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
+        return
+    factors = np.where(np.arange(10) < 6, 1e9, 1e3)
+    factors[6:9] = 1e3
+    yield Planted("grams", "description in grams", columns, robot=replace(robot, inertias=robot.inertias * factors))
+    q = np.stack([columns[f"q{k + 1}"] for k in range(robot.n)], axis=1)
+    load = described_torque(robot, q, np.zeros_like(q), np.zeros_like(q))
+    if np.ptp(load, axis=0).max() < 1e-3:
+        return
+    load = load + 2e-3 * np.abs(load).max() * rng.normal(size=load.shape)
+    yield Planted("command", "load of gravity", columns | {f"{effort}{k + 1}": load[:, k] for k in range(robot.n)})
+
+
+DIRECTIONS: tuple[Callable[[FloatArray], FloatArray], ...] = (
+    lambda g: np.roll(g, 1),
+    lambda g: -np.roll(g, 1),
+    lambda g: np.roll(g, 2),
+    lambda g: -g,
+    lambda g: (g + np.roll(g, 1)) / np.sqrt(2.0),
+    lambda g: (g - np.roll(g, 2)) / np.sqrt(2.0),
+)
+"""Walls, a ceiling and slopes of 45 degrees."""
 
 
 def _swapped(columns: Columns, signals: tuple[str, ...], a: int, b: int) -> Columns:
@@ -168,7 +281,7 @@ def _late(columns: Columns, effort: str, seconds: float) -> Columns:
     }
 
 
-def _read(robot: Robot, columns: Columns, said: RecordingMetadata | None = None) -> Read:
+def read_file(robot: Robot, columns: Columns, said: RecordingMetadata | None = None) -> Read:
     """Read columns as a file."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "file.parquet"
@@ -187,10 +300,11 @@ def _in_memory(recording: Recording) -> Recording:
     return replace(recording, source=ArraySource(q, tau), has_temperature=False, has_command=False, path=None)
 
 
-def _tried(robot: Robot, right: Read, planted: Planted) -> Outcome:
+def try_mistake(robot: Robot, right: Read, planted: Planted) -> Outcome:
     said, noticed, refused, words = RecordingMetadata(), False, False, ""
-    known = {name for name, one in right.found.items()}
-    read = _read(robot, planted.columns)
+    known, first, ordered = {name for name, one in right.found.items()}, False, True
+    robot = planted.robot or robot
+    read = read_file(robot, planted.columns)
     for turn in range(MOST_CURES + 1):
         new = [one for name, one in read.found.items() if name not in known]
         # A check that warned already of something else may say more now.
@@ -199,26 +313,33 @@ def _tried(robot: Robot, right: Read, planted: Planted) -> Outcome:
         if turn == 0:
             noticed, refused = bool(new), any(one.status == "error" for one in new)
             words = ", ".join(f"{one.name} ({one.status})" for one in new)
+            first = bool(new) and min(new, key=lambda one: one.status != "error").name in NAMES[planted.kind]
         cure = next((one.apply for one in sorted(new, key=lambda one: one.status != "error") if one.apply), None)
         if cure is None or turn == MOST_CURES:
             break
+        ordered &= any(one.status == "error" and one.apply is not None for one in new)
         said = cure.of(said)
-        read = _read(robot, planted.columns, said)
-    cured = noticed and _is_cured(robot, right, read, planted, said)
-    return Outcome(planted, cured or _harm(robot, right, planted), noticed, refused, cured, words)
+        read = read_file(robot, planted.columns, said)
+    cured = noticed and planted.kind not in TOLD_ONLY and _is_cured(robot, right, read, planted, said)
+    wrongly = said != RecordingMetadata() and ordered and read.recording is not None and not cured
+    harmful = cured or _harm(robot, right, planted)
+    # An arm that moves in a mirror as it does: what is said instead is the same.
+    return Outcome(planted, harmful, noticed, refused, cured, first or cured, wrongly, words)
 
 
 def _harm(robot: Robot, right: Read, planted: Planted) -> bool:
-    if not planted.kind.endswith(("swapped", "turned")):
+    if not planted.kind.endswith(("swapped", "turned", "coupled", "gravity")) or planted.kind.startswith("all"):
         return True
-    accept = ("torque_order", "joint_order", "torque_sign", "joint_sign", "position_unit", "velocity_unit")
-    read = _read(robot, planted.columns, RecordingMetadata(accept=accept))
+    accept = ("torque_order", "joint_order", "torque_sign", "joint_sign", "position_unit", "velocity_unit",
+              "gravity_direction", "joint_coupling", "torque_scale")  # fmt: skip
+    read = read_file(robot, planted.columns, RecordingMetadata(accept=accept))
     if read.recording is None or right.recording is None:
         return True
     usual, bad = (motion_of(one.recording) for one in (right, read) if one.recording is not None)
     if usual is None or bad is None:
         return True
-    return float(np.log(left_of(robot, bad) / left_of(robot, usual))) >= HARMLESS
+    as_it_was = robot if planted.gravity is None else replace(robot, gravity=planted.gravity)
+    return float(np.log(left_of(robot, bad) / left_of(as_it_was, usual))) >= HARMLESS
 
 
 def _is_cured(robot: Robot, right: Read, read: Read, planted: Planted, said: RecordingMetadata) -> bool:
@@ -226,7 +347,7 @@ def _is_cured(robot: Robot, right: Read, read: Read, planted: Planted, said: Rec
         return abs(said.torque_delay - planted.delay - _natural(robot, right)) <= NEAR
     if right.recording is None or read.recording is None:
         return False
-    now, then = (_signals(one.recording) for one in (right, read) if one.recording is not None)
+    now, then = (signals_of(one.recording) for one in (right, read) if one.recording is not None)
     if now.shape == then.shape and np.allclose(now, then, rtol=1e-3, atol=1e-3 * np.abs(now).max(axis=0)):
         return True
     usual, left = motion_of(right.recording), motion_of(read.recording)
@@ -242,7 +363,7 @@ def _natural(robot: Robot, right: Read) -> float:
     return 0.0 if found is None else found.seconds
 
 
-def _signals(recording: Recording) -> FloatArray:
+def signals_of(recording: Recording) -> FloatArray:
     rows = list(recording.source.rows(0, recording.n_samples, 1 << 16))
     return np.concatenate([np.hstack([one.q, one.tau]) for one in rows])
 
@@ -251,7 +372,9 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seed", default="1", help='a number, or "new"')
     parser.add_argument("--pairs", type=int, default=15, help="pairs of joints exchanged in each recording, each way")
-    parser.add_argument("--only", default=None, choices=SETS, help="recordings of one robot")
+    parser.add_argument("--arms", type=int, default=12, help="drawn arms")
+    parser.add_argument("--draws", type=int, default=1000, help="mistakes tried in each recording")
+    parser.add_argument("--only", default=None, choices=(*MORE_SETS, "drawn"), help="recordings of one robot")
     parser.add_argument("--kind", default=None, help='mistakes of one kind, as "one gain x 10"')
     return parser.parse_args()
 

@@ -9,6 +9,9 @@ import pyarrow.csv as pacsv
 import pytest
 from running_commands import dynident, write_run
 
+from dynident.identification.imports import Question
+from dynident_service.cli.metadata import Answers
+
 
 @pytest.fixture
 def foreign(tmp_path):
@@ -75,6 +78,37 @@ def test_what_has_to_be_answered_is_not_taken_as_proposed(foreign, tmp_path):
     refused = dynident("identify", "scara", bare, "--as-proposed")
     assert refused.code != 0
     assert "external" in refused.err
+
+
+def test_an_option_that_answers_is_enough_beside_a_proposal(foreign):
+    fit = foreign[0]
+    names, values = fit.read_text().splitlines()[0], np.loadtxt(fit, delimiter=",", skiprows=1)
+    reaction = np.where([name.startswith("act_trq") for name in names.split(",")], -1.0, 1.0)
+    np.savetxt(fit, values * reaction, delimiter=",", header=names, comments="")
+    refused = dynident("identify", "scara", fit, "--as-proposed")
+    assert (refused.code != 0, "all torques" in refused.err, "--cure" in refused.err) == (True, True, True)
+    # In a mirror this arm is the same: the cure is not ours to choose.
+    undecided = dynident("identify", "scara", fit, "--as-proposed", "--cure")
+    assert (undecided.code != 0, "all positions" in undecided.err) == (True, True)
+    answered = dynident("identify", "scara", fit, "--as-proposed", "--accept", "torque_sign")
+    assert answered.code == 0, answered.err
+
+
+@pytest.mark.parametrize(
+    ("question", "answers", "answered"),
+    [
+        (Question("effort_kind", "?", ("joint_torque", "motor_current")), Answers(units={"tau": "N m"}), True),
+        (Question("effort_kind", "they are external"), Answers(units={"tau": "N m"}), False),
+        (Question("effort_kind", "they are external"), Answers(columns={"tau1": "a"}), True),
+        (Question("units/q", "?"), Answers(units={"q2": "deg"}), True),
+        (Question("units/q", "?"), Answers(units={"tau": "N m"}), False),
+        (Question("columns", "?", check="torque_order"), Answers(accept=["torque_order"]), True),
+        (Question("columns", "?", check="torque_order"), Answers(cure=True), True),
+        (Question("gravity", "?", check="gravity_direction"), Answers(units={"q": "rad"}), False),
+    ],
+)
+def test_an_option_answers_the_question_that_it_is_about(question, answers, answered):
+    assert answers.answer(question) is answered
 
 
 def test_without_a_robot_the_columns_are_listed(foreign):

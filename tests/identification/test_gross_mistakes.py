@@ -14,12 +14,13 @@ from scipy.interpolate import make_interp_spline
 
 from dynident.identification.mistakes import Mistake, checks_against, mistakes_in
 from dynident.identification.mistakes import judge as judging
+from dynident.identification.mistakes.bands import motion_of, whole_motion_of
 from dynident.identification.mistakes.delays import delay_of
 from dynident.identification.mistakes.frictions import excess_of, limits_of, nearer_to_others
 from dynident.identification.mistakes.gravity import mounting_of
 from dynident.identification.mistakes.judge import Judge
 from dynident.identification.mistakes.scales import load_of, nearer_to_masses, scales_of
-from dynident.identification.mistakes.search import mistakes_of, motion_of, whole_motion_of
+from dynident.identification.mistakes.search import mistakes_of
 from dynident.identification.mistakes.swaps import Motion as MotionRows
 from dynident.recordings import (
     JointLimits,
@@ -340,7 +341,8 @@ def test_a_load_that_shows_in_a_part_of_the_motion_alone_tells_nothing_of_the_un
 @pytest.mark.parametrize(("inside", "is_above"), [(-0.5, True), (-0.05, False)])
 def test_what_helps_only_where_nothing_was_fitted_is_no_mistake(inside: float, is_above: bool) -> None:
     noise, moving = 0.01 * np.random.default_rng(4).normal(size=10), np.ones(6, dtype=bool)
-    now, other = judging.Left(noise, 0.0, 0, moving), judging.Left(noise[::-1] - 0.5, inside, 0, moving)
+    shares = np.full(6, 0.1)
+    now, other = judging.Left(noise, 0.0, 0, moving, shares), judging.Left(noise[::-1] - 0.5, inside, 0, moving, shares)
     assert now.surely_above(other, "joints swapped") is is_above
 
 
@@ -431,3 +433,14 @@ def test_constant_torques_do_not_make_a_short_right_recording_one_with_columns_i
 def test_a_mistake_is_named_beside_constant_torques_too(seed: int) -> None:
     found, _ = mistakes_in(ROBOT, short_run(seed, [0, 2, 1, 3, 4, 5])) or ((), 1.0)
     assert [one.mistake for one in found] == [Mistake("torques swapped", (1, 2))]
+
+
+def test_a_command_is_told_where_a_joint_without_a_load_has_no_torque_at_all(tmp_path: Path) -> None:
+    motion, _ = measured()
+    still = np.zeros_like(motion.q)
+    load = pinocchio_torque(ROBOT, motion.q, still, still)
+    assert np.ptp(load[:, 0]) == pytest.approx(0.0, abs=1e-9)
+    with pytest.raises(RecordingError) as refused:
+        brought_in(written(tmp_path / "command.csv", list(range(6)), np.where(np.arange(6) == 0, 0.0, load)))
+    wrong = [one.name for one in refused.value.checks if one.status == "error"]
+    assert wrong == ["commanded_torque", "constant_torque"]

@@ -9,9 +9,9 @@ import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification.mistakes import Mistake, gravity, mistakes_in
+from dynident.identification.mistakes.bands import motion_of
 from dynident.identification.mistakes.described import SecondOpinion, left_by_description
 from dynident.identification.mistakes.judge import BLOCKS, Grams, Judge
-from dynident.identification.mistakes.search import motion_of
 from dynident.identification.mistakes.swaps import Motion as MotionRows
 from dynident.recordings import Recording
 from dynident.robot.pinocchio_model import described_torque

@@ -24,7 +24,7 @@ from dynident.recordings.names import unique_names
 from dynident.robot import Robot
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot, document_of
-from dynident_service.cli.metadata import as_proposed, read_metadata
+from dynident_service.cli.metadata import Answers, as_proposed, read_metadata
 from dynident_service.cli.options import Beside, Reading
 from dynident_service.cli.terminal import progress_bar
 
@@ -95,12 +95,13 @@ def loaded(
     windows = parsing.windows_of(reading.windows, names, _neighbours(everything))
     columns, units = parsing.pairs(reading.columns, "--columns"), parsing.pairs(reading.units, "--units")
     told = read_metadata(reading.metadata, names)
+    answers = Answers(columns, units, reading.accept, reading.cure)
     with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
         found = []
         for index, (path, name) in enumerate(zip(everything, names, strict=True)):
             said = told.get(name)
             if said is None:
-                said = _proposed(path, robot) if reading.as_proposed else RecordingMetadata()
+                said = _proposed(path, robot, answers) if reading.as_proposed else RecordingMetadata()
             metadata = replace(
                 said,
                 name=name,
@@ -122,12 +123,12 @@ def _neighbours(paths: Sequence[Path]) -> set[str]:
     return {file.stem for folder in folders for file in folder.iterdir() if file.is_file()}
 
 
-def _proposed(path: Path, robot: Robot) -> RecordingMetadata:
+def _proposed(path: Path, robot: Robot, answers: Answers) -> RecordingMetadata:
     from dynident.identification.imports import inspect_file
 
     check_readable(path)
     has_gains = all(drive.gain is not None for drive in robot.drives)
-    return as_proposed(path, inspect_file(path, robot), has_gains=has_gains)
+    return as_proposed(path, inspect_file(path, robot), has_gains=has_gains, answers=answers)
 
 
 def _load(

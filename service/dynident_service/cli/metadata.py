@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, get_args
 
 from dynident.errors import DynidentError
-from dynident.identification.imports import EffortKind, Inspection
+from dynident.identification.imports import EffortKind, Inspection, Question
 from dynident.recordings import RecordingMetadata
 from dynident_service.cli.files import document_of
 
@@ -32,8 +32,36 @@ def proposed(found: Inspection) -> dict[str, object]:
     }
 
 
-def as_proposed(path: Path, found: Inspection, *, has_gains: bool) -> RecordingMetadata:
-    """The proposal as it is.
+@dataclass(frozen=True)
+class Answers:
+    """What options say beside a proposal: columns and units, checks to accept, and whether cures are wanted."""
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    accept: Sequence[str] = ()
+    cure: bool = False
+
+    def answer(self, question: Question) -> bool:
+        """Whether a question is answered by them."""
+        if question.check:
+            # What cannot be cured is refused when the file is read, with the same words.
+            return self.cure or question.check in self.accept or (question.field in ("units/tau",) and bool(self.units))
+        about, _, key = question.field.partition("/")
+        if about == "effort_kind":
+            # What is no measurement in any unit has other columns as an answer alone.
+            given = (*self.columns, *self.units) if question.choices else tuple(self.columns)
+            return any(_kind(one) in ("tau", "current") for one in given)
+        told = {"columns": self.columns, "units": self.units}.get(about, {})
+        return any(not key or _kind(one) == _kind(key) for one in told)
+
+
+def _kind(key: str) -> str:
+    """The kind of signal that a key is about: tau of tau2 and of tau_elbow."""
+    return key.partition("_")[0].rstrip("0123456789")
+
+
+def as_proposed(path: Path, found: Inspection, *, has_gains: bool, answers: Answers | None = None) -> RecordingMetadata:
+    """The proposal as it is, beside which `answers` are given.
 
     Raises
     ------
@@ -41,14 +69,19 @@ def as_proposed(path: Path, found: Inspection, *, has_gains: bool) -> RecordingM
         Where there is a question that has not been answered: taken as proposed would be a guess.
     """
     assert found.proposal is not None
-    open_ones = [one for one in found.proposal.questions if not (has_gains and one.field == NEEDED_FOR_GAINS)]
+    given = answers or Answers()
+    open_ones = [
+        one
+        for one in found.proposal.questions
+        if not (has_gains and one.field == NEEDED_FOR_GAINS) and not given.answer(one)
+    ]
     if open_ones:
         told = "".join(f"\n  {one.field}: {one.detail}" for one in open_ones)
         raise DynidentError(
-            f"{path.name} cannot be taken as proposed; to be answered:{told}\nWrite the proposal with "
-            f"`dynident inspect {path} --robot ROBOT --out {path.stem}.json`, answer there (and empty its questions), "
-            "and give it as "
-            "--metadata.",
+            f"{path.name} cannot be taken as proposed; to be answered:{told}\nAnswer beside it by --columns, --units "
+            "or --gravity, by --accept CHECK where the recording is right all the same, or by --cure. Or write the "
+            f"proposal with `dynident inspect {path} --robot ROBOT --out {path.stem}.json`, answer there (and empty "
+            "its questions), and give it as --metadata.",
             pointer=str(path),
             title="Open questions",
         )

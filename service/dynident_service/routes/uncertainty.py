@@ -91,4 +91,5 @@ def refuse_stopped(found: Resource) -> None:
 def _measurement(services: Services, identifier: str) -> dict[str, Any]:
     found = services.resources.get("measurement", identifier)
     path = services.objects.path(found.objects["recording"].key)
-    return {"id": found.id, "recording": str(path), "request": dict(found.request)}
+    checks = [] if found.result is None else found.result["checks"]
+    return {"id": found.id, "recording": str(path), "request": dict(found.request), "checks": checks}

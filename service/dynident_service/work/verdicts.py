@@ -8,20 +8,26 @@ from pathlib import Path
 from typing import Any
 
 from dynident.identification import from_bytes
-from dynident.recordings import open_recording
+from dynident.recordings import Check, open_recording
 from dynident.verdict import verdict
 from dynident_service.adapters.verdicts import SeenMeasurement, show_verdict
 from dynident_service.models.common import plain
 from dynident_service.models.measurements import MeasurementMetadata
 
 
-def judge(
-    model: str, fitted: Sequence[Mapping[str, object]], held_out: Sequence[Mapping[str, object]]
-) -> dict[str, object]:
-    """Say what the model in a file is fit for; measurements are given by `id`, `recording` (a path) and `request`."""
+def judge(model: str, fitted: Sequence[Mapping[str, Any]], held_out: Sequence[Mapping[str, Any]]) -> dict[str, object]:
+    """Say what the model in a file is fit for.
+
+    Measurements are given by `id`, `recording` (a path), `request`, and `checks` as they were found.
+    """
     names: set[str] = set()
     seen = [_opened(one, names) for one in fitted], [_opened(one, names) for one in held_out]
-    found = verdict(from_bytes(Path(model).read_bytes()), *([one.recording for one in group] for group in seen))
+    checks = {
+        one.recording.name: [Check(check["name"], check["status"], check["detail"]) for check in given["checks"]]
+        for one, given in zip([*seen[0], *seen[1]], [*fitted, *held_out], strict=True)
+    }
+    recordings, validation = ([one.recording for one in group] for group in seen)
+    found = verdict(from_bytes(Path(model).read_bytes()), recordings, validation, checks)
     return plain(show_verdict(found, [*seen[0], *seen[1]]))
 
 

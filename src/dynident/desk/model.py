@@ -108,7 +108,8 @@ class Model:
         Without the recordings (see `with_data`) neither what the held-out data share with those of the fit nor the
         cause of a gross mistake is looked for.
         """
-        return verdict(self.identification, self.recordings.recordings, self.validation.recordings)
+        checks = {one.name: one.checks for one in (*self.recordings, *self.validation)}
+        return verdict(self.identification, self.recordings.recordings, self.validation.recordings, checks)
 
     def extend(self, *what: Addition, progress: Progress = silent) -> Model:
         """Add effects, one rung of the ladder each, on the data that the model was identified from.

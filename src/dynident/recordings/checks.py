@@ -10,7 +10,7 @@ from dynident.recordings.columns import Layout
 from dynident.recordings.revisions import cured
 from dynident.recordings.sampling import RawSample
 from dynident.recordings.stated import RecordingMetadata
-from dynident.recordings.types import Check, JointLimits, ModelChecks, Recording, RecordingError
+from dynident.recordings.types import ACCEPTED, Check, JointLimits, ModelChecks, Recording, RecordingError
 
 
 def run_checks(
@@ -24,7 +24,7 @@ def run_checks(
 ) -> tuple[Check, ...]:
     """Run the checks of motion and torque, `against` the robot among them, and judge them together with those of time.
 
-    Findings of checks that the user has accepted by name count as warnings.
+    Findings of checks that the user has accepted by name count as warnings, and are marked.
 
     Raises
     ------
@@ -54,8 +54,8 @@ def run_checks(
 
 def _accepted(checks: list[Check], accept: tuple[str, ...]) -> tuple[Check, ...]:
     return tuple(
-        replace(check, status="warning", detail=f"{check.detail} (Accepted.)")
-        if check.status == "error" and check.name in accept
+        replace(check, status="warning", detail=f"{check.detail}{ACCEPTED}")
+        if check.status != "ok" and check.name in accept and not check.is_accepted
         else check
         for check in checks
     )

@@ -10,7 +10,7 @@ from dynident.recordings import evidence as against_motion
 from dynident.recordings.columns import Layout
 from dynident.recordings.evidence import Evidence
 from dynident.recordings.sampling import RawSample
-from dynident.recordings.stated import DELAY, Revision
+from dynident.recordings.stated import COMMANDED, DELAY, Revision
 from dynident.recordings.types import Check, JointLimits, ModelChecks, Recording, Status
 
 SATURATED = 5e-3
@@ -47,19 +47,22 @@ def torque_checks(
     What a model of the robot says of order and signs goes before what friction alone tells.
     """
     checks = [_saturation(sample, layout, limits), _constant(recording, sample, layout)]
-    if any(check.status == "error" for check in checks):
-        return checks
-    told = _told_by_the_robot(recording, layout, against)
+    wrong = [check for check in checks if check.status == "error"]
+    told = None if wrong and wrong[0].name != "constant_torque" else _told_by_the_robot(recording, layout, against)
+    if wrong:
+        # A command against gravity has no torque at all where gravity has none: that is then what is wrong.
+        return [*(one for one in told or () if one.name == COMMANDED), *checks]
+    if any(one.name in ("torque_order", COMMANDED) for one in told or ()):
+        # By all of the torque, where the corners of friction alone call right recordings early; and not beside another
+        # mistake, which looks like a delay as well.
+        return [*checks, *(told or ()), Check("torque_alignment", "ok", f"Told by the robot's dynamics: {DELAY}.")]
     evidence = against_motion.gather(recording)
     if evidence is None:
         nothing = "The recording is too short, or moves too little, to tell without a model."
-        columns = told or (Check("torque_order", "ok", nothing), Check("torque_sign", "ok", nothing))
-        return [*checks, *columns, Check("torque_alignment", "ok", nothing)]
-    columns = told or _columns(recording, evidence, layout, sample)
-    if any(one.name == DELAY for one in columns):
-        # By all of the torque, where the corners of friction alone call right recordings early.
-        return [*checks, *columns, Check("torque_alignment", "ok", f"Told by the robot's dynamics: {DELAY}.")]
-    return [*checks, *columns, _alignment(recording, evidence, layout, sample)]
+        silent = (Check(name, "ok", nothing) for name in ("torque_order", "torque_sign", "torque_alignment"))
+        return [*checks, *silent, *(told or ())]
+    columns = _columns(recording, evidence, layout, sample)
+    return [*checks, *columns, _alignment(recording, evidence, layout, sample), *(told or ())]
 
 
 def _told_by_the_robot(recording: Recording, layout: Layout, against: ModelChecks | None) -> tuple[Check, ...] | None:

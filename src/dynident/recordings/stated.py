@@ -47,6 +47,9 @@ ConditioningStep = Literal["held_samples", "idle_drives", "corrupted_samples", "
 DELAY = "torque_delay"
 """Name of the check, and of the field, that is about the torque's delay against the positions."""
 
+COMMANDED = "commanded_torque"
+"""Name of the check that finds a command instead of a measurement."""
+
 NO_MEASUREMENT = {
     "gravity_compensated": "the load of gravity was taken out of it, and the links' masses with it",
     "external": "what the robot's own dynamics need was taken out of it",

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 Status = Literal["ok", "warning", "error"]
 JointKind = Literal["revolute", "prismatic"]
 
+ACCEPTED = " (Accepted.)"
+"""Ends the detail of a finding that the user has accepted."""
+
 # In any unit; fourth powers of it can still be taken.
 _LARGEST_READING = 1e30
 
@@ -98,6 +101,11 @@ class Check:
     time: float | None = None
     apply: Revision | None = None
     rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether the user has said that the recording is right all the same."""
+        return self.detail.endswith(ACCEPTED)
 
 
 class ModelChecks(Protocol):

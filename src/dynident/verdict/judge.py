@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from dynident.diagnosis.comparing.content import Common, common_content
 from dynident.estimation import Errors
 from dynident.html import block, listed, paragraph
 from dynident.identification import Identification
+from dynident.identification.mistakes import VETOES
 from dynident.identification.thresholds import OVERFIT, STOP, USUAL, USUAL_IN_FULL
-from dynident.recordings import Recording
+from dynident.recordings import Check, Recording
 from dynident.threads import single_threaded
 from dynident.verdict.stopping import Stop, stop_of, tells_stop
 from dynident.verdict.uses import Use, uses_of
@@ -58,7 +59,10 @@ class ModelVerdict:
 
 @single_threaded
 def verdict(
-    identification: Identification, recordings: Sequence[Recording] = (), validation: Sequence[Recording] = ()
+    identification: Identification,
+    recordings: Sequence[Recording] = (),
+    validation: Sequence[Recording] = (),
+    checks: Mapping[str, Sequence[Check]] | None = None,
 ) -> ModelVerdict:
     """Say what a model is fit for.
 
@@ -67,6 +71,9 @@ def verdict(
     recordings, validation : sequence of Recording
         What the model was identified from, and the held-out data; without them neither their content nor the cause of
         a gross mistake is looked for.
+    checks : mapping of a recording's name to its checks, optional
+        What was found when they were read. Where that says that size, sign or gravity are wrong, the model is fit for
+        nothing, however small its errors are: a wrong scale is fitted as well as the right one.
     """
     common = common_content(recordings, validation)
     stop = stop_of(identification, recordings, validation, common)
@@ -76,7 +83,7 @@ def verdict(
         worst = max(one.relative_total for one in (identification.fit, identification.held_out) if one is not None)
         nothing = f"The error is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect."
     reservations = [str(one) for one in common if one.kind == "repeated"]
-    uses = uses_of(identification, nothing, reservations)
+    uses = uses_of(identification, nothing or _veto(checks or {}), reservations)
     return ModelVerdict(
         uses,
         identification.held_out,
@@ -85,6 +92,17 @@ def verdict(
         common,
         tuple(_next_steps(identification, stop, common)),
     )
+
+
+def _veto(checks: Mapping[str, Sequence[Check]]) -> str:
+    """Say which check speaks against every use; nothing where the user has accepted what it finds, or none does."""
+    against = [
+        f"In {name}: {one.detail}"
+        for name, own in checks.items()
+        for one in own
+        if one.name in VETOES and one.status != "ok" and not one.is_accepted
+    ]
+    return against[0] if against else ""
 
 
 def is_stopped(identification: Identification) -> bool:
@@ -97,6 +115,8 @@ def _next_steps(found: Identification, stop: Stop | None, common: Sequence[Commo
         return [f"Read {stop.recording} again with: {stop.apply}.", "Identify again, and look at the verdict again."]
     if stop is not None and any(one.kind == "copied" for one in common):
         return ["Hold out a recording of another motion."]
+    if stop is not None and stop.records_more:
+        return ["Record a longer, designed motion, and identify again.", "Hold out a motion with the same load."]
     if stop is not None:
         return [
             "Look at the checks of the recordings, one by one.",

@@ -10,10 +10,9 @@ import numpy as np
 from dynident.diagnosis.comparing.content import Common
 from dynident.estimation import Errors
 from dynident.identification import Identification
-from dynident.identification.mistakes import mistakes_in
-from dynident.identification.mistakes.checks import revision_of, told_of
-from dynident.identification.thresholds import STOP
-from dynident.recordings import Recording, Revision
+from dynident.identification.mistakes import CAUSES, examine
+from dynident.identification.thresholds import OVERFIT, STOP
+from dynident.recordings import Check, Recording, Revision
 from dynident.robot import Robot
 
 SCALED = 5.0
@@ -22,11 +21,15 @@ SCALED = 5.0
 
 @dataclass(frozen=True)
 class Stop:
-    """The most probable cause of a gross mistake; `apply` cures the recording of that name, where that is known."""
+    """The most probable cause of a gross mistake; `apply` cures the recording of that name, where that is known.
+
+    `records_more` says that nothing is wrong but that the data determine too little.
+    """
 
     cause: str
     recording: str | None = None
     apply: Revision | None = None
+    records_more: bool = False
 
 
 def tells_stop(found: Errors | None) -> bool:
@@ -49,10 +52,30 @@ def stop_of(
     error, what = _worst(found)
     robot = found.model.robot
     for recording in (*held_out, *fitted) if what == "held out" else fitted:
-        cured = _by_columns(robot, recording)
-        if cured is not None:
-            return cured
-    return Stop(_by_joints(robot, error, what))
+        cause = _by_checks(robot, recording)
+        if cause is not None:
+            return cause
+    moving = found.held_out_moving if what == "held out" else found.fit_moving
+    if moving is not None and moving.counts.any() and moving.relative_total <= STOP:
+        return Stop(
+            f"Of the torque {error.relative_total:.0%} cannot be explained on all rows, {moving.relative_total:.0%} "
+            "where the joints move: what is wrong is in the rows at rest. Brakes that are engaged and drives that are "
+            "off hold any torque, or none: leave these seconds out."
+        )
+    if what == "held out" and found.fit.relative_total * OVERFIT < error.relative_total and _all_bad(error):
+        return Stop(
+            f"The fit leaves {found.fit.relative_total:.0%} of the torque, held-out data {error.relative_total:.0%}: "
+            "columns and units explain the one, so the motion does not determine the parameters that the other needs, "
+            "or that has another load. Record more: a designed motion.",
+            records_more=True,
+        )
+    return Stop(_by_joints(robot, moving if moving is not None and moving.counts.any() else error, what))
+
+
+def _all_bad(error: Errors) -> bool:
+    """Whether no joint alone makes the error: that would be its column."""
+    told = error.relative[error.counts > 0]
+    return bool((told > STOP).mean() > 0.5)
 
 
 def _worst(found: Identification) -> tuple[Errors, str]:
@@ -61,19 +84,16 @@ def _worst(found: Identification) -> tuple[Errors, str]:
     return found.fit if tells_stop(found.fit) or found.held_out is None else found.held_out, "fit"
 
 
-def _by_columns(robot: Robot, recording: Recording) -> Stop | None:
-    told = mistakes_in(robot, recording)
-    if told is None or not told[0]:
-        return None
-    first = told[0][0]
+def _by_checks(robot: Robot, recording: Recording) -> Stop | None:
+    """What the robot's dynamics say of a recording, the gravest finding of it."""
     n = recording.n
-    words = told_of(first.mistake, recording, [f"q{k + 1}" for k in range(n)], [f"tau{k + 1}" for k in range(n)])
-    return Stop(
-        f"In {recording.name} it seems that {words}: as it is, {first.left_with:.0%} of an average joint's torque "
-        f"cannot be explained by the robot's dynamics, put right {first.left_without:.0%}.",
-        recording.name,
-        revision_of(first.mistake, n),
-    )
+    checks = examine(robot, recording, [f"q{k + 1}" for k in range(n)], [f"tau{k + 1}" for k in range(n)]).checks
+    found = sorted((one for one in checks if one.name in CAUSES and one.status != "ok"), key=_rank)
+    return Stop(f"In {recording.name}: {found[0].detail}", recording.name, found[0].apply) if found else None
+
+
+def _rank(check: Check) -> bool:
+    return check.status != "error"
 
 
 def _by_joints(robot: Robot, error: Errors, what: str) -> str:

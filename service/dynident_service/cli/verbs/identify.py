@@ -81,7 +81,8 @@ def identify(
         filters = None if wanted == "auto" else preprocessing_from_request(wanted, recordings)
         choices = replace(unfiltered, preprocessing=filters)
         found = identify_model(machine, recordings, tried, choices, read.progress)
-        judged = verdict(found, recordings, tried)
+        checks = {item.recording.name: item.checks for item in (*read.given, *read.others)}
+        judged = verdict(found, recordings, tried, checks)
 
     def described() -> dict[str, object]:
         from dynident_service.adapters.identifications import describe_identification

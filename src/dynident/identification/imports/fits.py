@@ -6,17 +6,15 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.identification.mistakes.gravity import Mounting, other_mounting
-from dynident.identification.mistakes.search import Finding, left_of, mistakes_of, motion_of
+from dynident.identification.mistakes.bands import motion_of
+from dynident.identification.mistakes.search import left_of
 from dynident.identification.mistakes.swaps import Motion
-from dynident.recordings import Check, JointLimits, RecordedJoints, recording_from_arrays
+from dynident.recordings import Check, JointLimits, RecordedJoints, Recording, recording_from_arrays
 from dynident.recordings.importing import condition_arrays
 from dynident.recordings.restarts import RestartLabels
 from dynident.robot import Robot
 
 FEWEST_ROWS = 200
-_ROWS = 1200
-"""Rows that exchanges of columns are looked for in: somebody waits for it."""
 
 
 class Fits:
@@ -27,18 +25,17 @@ class Fits:
         self._t = t
         self._segment = RestartLabels().label(0, t) if segment is None else segment.astype(np.int64)
 
-    def motion(self, q: FloatArray, tau: FloatArray) -> Motion | None:
-        """Filtered rows of positions (m, n) in rad or m, torques (m, n) in any unit; None where there are too few."""
+    def recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
+        """The sample as a recording of positions (m, n) in rad or m, torques (m, n); None where it is too short."""
         if len(self._t) < FEWEST_ROWS:
             return None
         try:
             q, tau, _ = self.condition(q, tau)
             good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
             segment = self._segment[good]
-            recording = recording_from_arrays(
+            return recording_from_arrays(
                 self._t[good], q[good], tau[good], joint_names=self.robot.joint_names, segment=segment
             )
-            return motion_of(recording)
         except DynidentError:
             return None
 
@@ -50,6 +47,11 @@ class Fits:
         ]
         return condition_arrays(self._t, q, tau, RecordedJoints(self.robot.joint_names, limits), self._segment)
 
+    def motion(self, q: FloatArray, tau: FloatArray) -> Motion | None:
+        """Filtered rows of positions (m, n) in rad or m, torques (m, n) in any unit; None where there are too few."""
+        recording = self.recording(q, tau)
+        return None if recording is None else motion_of(recording)
+
     def left(self, q: FloatArray, tau: FloatArray) -> float | None:
         """Share of an average joint's torque that is not explained; None where it cannot be told."""
         motion = self.motion(q, tau)
@@ -57,18 +59,3 @@ class Fits:
             return None
         found = left_of(self.robot, motion)
         return found if np.isfinite(found) else None
-
-    def other_mounting(self, positions: FloatArray, torques: FloatArray, left: float) -> Mounting | None:
-        """Another direction of gravity that explains surely more than the robot's, which leaves `left`."""
-        motion = self.motion(positions, torques)
-        return None if motion is None else other_mounting(self.robot, motion, left)
-
-    def mistakes(self, positions: FloatArray, torques: FloatArray) -> tuple[tuple[Finding, ...], float] | None:
-        """Gross mistakes in order and signs, and what is left without them."""
-        motion = self.motion(positions, torques)
-        if motion is None:
-            return None
-        every = max(1, len(motion.q) // _ROWS)
-        q, dq, ddq, tau = (part[::every] for part in (motion.q, motion.dq, motion.ddq, motion.tau))
-        thin = Motion(q, dq, ddq, tau, motion.block[::every])
-        return mistakes_of(self.robot, thin)

@@ -17,6 +17,9 @@ EXPLAINED = 0.3
 _SAME = 0.01
 """Share of a position's spread that two topics of it differ by: the slower of them is read between its samples."""
 
+_OURS: tuple[Signal, ...] = ("q", "dq", "ddq", "tau", "current", "temperature")
+"""Kinds of signals that are read by their own names."""
+
 _JOINT = frozenset({"joint", "jnt", "j", "axis", "achse", "a", "link"})
 _PENDANT = (("base",), ("shoulder",), ("elbow",), ("wrist", "1"), ("wrist", "2"), ("wrist", "3"))
 """What the pendants of one maker call six joints."""
@@ -48,10 +51,14 @@ def groups_of(
     groups, rest, following : list of Group, columns (by index) that belong to none, and those of `followers`: joints
     that are not driven
     """
+    ours = _by_our_names(named, joint_names)
+    in_ours = {index for group in ours for index in group.columns}
     following: list[int] = []
     found: dict[tuple[str, ...], dict[int, int]] = {}
     reasons: dict[tuple[str, ...], str] = {}
     for index, one in enumerate(named):
+        if index in in_ours:
+            continue
         hit = _by_joint_name(one.words, (*joint_names, *followers))
         if hit is not None and hit[0] >= len(joint_names):
             following.append(index)
@@ -61,15 +68,28 @@ def groups_of(
             reasons[stem] = "the joint's name stands in the column's"
     taken = {index for group in found.values() if len(group) == len(joint_names) for index in group.values()}
     found = {stem: group for stem, group in found.items() if len(group) == len(joint_names)}
-    numbered, why = _by_number(named, taken | set(following), len(joint_names))
+    numbered, why = _by_number(named, taken | in_ours | set(following), len(joint_names))
     found |= numbered
     reasons |= why
-    taken = {index for group in found.values() for index in group.values()} | set(following)
-    groups = []
+    taken = {index for group in found.values() for index in group.values()} | in_ours | set(following)
+    groups = ours
     for stem, group in found.items():
         columns = tuple(group[joint] for joint in range(len(joint_names)))
         groups.append(_group(columns, named, reasons[stem]))
     return groups, [index for index in range(len(named)) if index not in taken], following
+
+
+def _by_our_names(named: Sequence[Named], joint_names: Sequence[str]) -> list[Group]:
+    """Columns that are called as a file is read without any mapping: q_<joint>, whatever the joints are called."""
+    places = {one.name: index for index, one in enumerate(named)}
+    groups = []
+    for signal in _OURS:
+        columns = [places.get(f"{signal}_{joint}") for joint in joint_names]
+        known = tuple(column for column in columns if column is not None)
+        if len(known) == len(joint_names):
+            reason = "they are called as a recording's own columns are"
+            groups.append(Group(known, signal, None, -1, named[known[0]], reason))
+    return groups
 
 
 def hold_the_same(values: FloatArray, groups: Sequence[Group]) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.identification.imports import units as of_units
+from dynident.identification.imports.against_robot import hold_against
 from dynident.identification.imports.currents import question_of_gains
 from dynident.identification.imports.effort import classify_effort
 from dynident.identification.imports.facts import (
@@ -27,12 +28,11 @@ from dynident.identification.imports.groups import Group, by_elimination, groups
 from dynident.identification.imports.proposal import Guess, Proposal, Question
 from dynident.identification.imports.unnamed import Kinds, as_counted, is_in_order, kinds_of, own_torques, whole_signals
 from dynident.identification.imports.words import read_names
+from dynident.identification.mistakes.described_units import find_units
 from dynident.recordings.stated import EffortKind
 from dynident.recordings.types import RecordingError
 from dynident.robot import Robot
 
-_SOUND = 0.5
-"""Share of an average joint's torque left, from which on the columns are taken for wrong."""
 NO_MEASUREMENT: dict[EffortKind, str] = {
     "external": "external torques: what the robot's own dynamics need was taken out of them",
     "gravity_compensated": "gravity-compensated: the load of gravity was taken out of them",
@@ -45,13 +45,17 @@ _CLEARLY = 1.25
 
 def propose(sample: Sample, robot: Robot) -> Proposal:
     """Guess what the columns are. Where that is not sure, the proposal has questions."""
-    return _Guesser(sample, robot).run()
+    units = find_units(robot)
+    return _Guesser(sample, robot if units is None else units.of(robot), robot).run()
 
 
 @dataclass
 class _Guesser:
+    """`given` is the robot whose description may not be in SI units; `robot` is in them."""
+
     sample: Sample
     robot: Robot
+    given: Robot
     columns: dict[str, str] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     guesses: list[Guess] = field(default_factory=list)
@@ -356,7 +360,8 @@ class _Guesser:
         if signal == "current":
             asked = question_of_gains(self._shown(effort), effort.unit, gains, self.fits, (q, tau))
             self.questions += [asked] if asked is not None else []
-        self._check(q, tau)
+        in_si = signal == "tau" or None not in gains
+        self._check(q, tau * self._factors(signal or "tau", gains), effort, in_si=in_si)
         return kind
 
     def _conditioned(
@@ -382,6 +387,17 @@ class _Guesser:
                 put_right.append(Guess(f"rows/{check.name}", "put right", 0.95, detail))
         return filled(right), put_right
 
+    def _factors(self, signal: str, gains: list[float | None]) -> FloatArray:
+        """(n,): what makes N m or N of the effort's numbers, 1 where that is not known."""
+        factors = np.ones(self.robot.n)
+        for index, joint in enumerate(self.robot.joints):
+            unit = self.units.get(f"{signal}{index + 1}", self.units.get(signal))
+            if signal == "tau" and unit is not None:
+                factors[index] = of_units.factor_of("tau", joint.kind, unit)
+            elif signal == "current":
+                factors[index] = (gains[index] or 1.0) * {"mA": 1e-3}.get(unit or "A", 1.0)
+        return factors
+
     def _effort_unit(
         self, signal: str, tau: FloatArray, effort: Group, gains: list[float | None], reach: float
     ) -> None:
@@ -397,33 +413,14 @@ class _Guesser:
                 key = f"tau{index + 1}" if mixed else "tau"
                 self._unit(key, of_units.UnitGuess(unit, guess.confidence, guess.reason), joint.effort_unit)
 
-    def _check(self, q: FloatArray, tau: FloatArray) -> None:
-        """Hold the columns against the robot's dynamics: exchanged joints are asked about."""
-        looked = self.fits.mistakes(q, tau)
-        if looked is None:
-            self._say("check", "none", 0.5, "the sample moves too little to be held against the robot's dynamics")
-            return
-        found, left = looked
-        for one in found:
-            if one.certain:
-                joints = " and ".join(self.robot.joint_names[j] for j in one.mistake.joints)
-                detail = (
-                    f"The data say that {one.mistake.kind} ({joints}): {one.left_with:.0%} of the torque is not "
-                    f"explained as the columns are, and {one.left_without:.0%} otherwise. Is the mapping right?"
-                )
-                self._ask("columns", detail)
-        mounted = None if found else self.fits.other_mounting(q, tau, left)
-        if mounted is not None:
-            along = ",".join(f"{value:g}" for value in mounted.gravity + 0.0)
-            self._ask(
-                "gravity",
-                f"Does the base stand upright? With gravity along ({along}) m/s² the robot's dynamics leave "
-                f"{mounted.left:.0%} of the torque, with the stated one {mounted.left_as_stated:.0%}: state it with "
-                "the robot.",
-            )
-        self._say(
-            "check", f"{left:.0%} left", 0.9 if left < _SOUND else 0.4, "what the robot's dynamics do not explain"
-        )
+    def _check(self, q: FloatArray, tau: FloatArray, effort: Group, *, in_si: bool) -> None:
+        """Hold the columns against the robot's dynamics; where much is left, that stands first."""
+        positions = [self.columns[f"q{joint + 1}"] for joint in range(self.robot.n)]
+        torques = [self.sample.names[column] for column in effort.columns]
+        guesses, questions = hold_against(self.given, self.fits, q, tau, (positions, torques), in_si=in_si)
+        first = [one for one in guesses[:1] if one.confidence < of_units.SURE and one.value.endswith("left")]
+        self.guesses = [*first, *self.guesses, *guesses[len(first) :]]
+        self.questions += questions
 
     def _map(self, signal: str, group: Group) -> None:
         for joint, column in enumerate(group.columns):

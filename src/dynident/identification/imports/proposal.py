@@ -20,11 +20,15 @@ class Guess:
 
 @dataclass(frozen=True)
 class Question:
-    """What has to be answered before the file can be used; `choices` are the answers that make sense."""
+    """What has to be answered before the file can be used; `choices` are the answers that make sense.
+
+    `check` is the name of the check that asks, if one does: to accept it is an answer, too.
+    """
 
     field: str
     detail: str
     choices: tuple[str, ...] = ()
+    check: str = ""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Gross mistakes in a recording: columns in another order, signs turned round, told by the robot's own dynamics."""
 
-from dynident.identification.mistakes.checks import checks_against
+from dynident.identification.mistakes.checks import CAUSES, VETOES, Examined, checks_against, examine
 from dynident.identification.mistakes.search import Finding, mistakes_in
 from dynident.identification.mistakes.swaps import Mistake
 
-__all__ = ["Finding", "Mistake", "checks_against", "mistakes_in"]
+__all__ = ["CAUSES", "VETOES", "Examined", "Finding", "Mistake", "checks_against", "examine", "mistakes_in"]

@@ -54,6 +54,11 @@ class Delay:
     left_with: float
     left_without: float
 
+    @property
+    def is_at_the_end(self) -> bool:
+        """Whether it is the largest that was tried: what explains more then need not be a delay."""
+        return abs(self.seconds) >= float(_TRIED.max())
+
 
 def delay_of(
     motion: Motion, period: float, left_of: Callable[[Motion], Told], left_beside: Callable[[Motion], Told]

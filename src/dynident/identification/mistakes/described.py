@@ -36,10 +36,19 @@ class SecondOpinion:
 
         Of a torque that is scaled it says nothing: the gain is free.
         """
-        if mistake.kind == "torque scaled" or self._as_is > self.now.blocks.mean() + CLEARLY:
+        if mistake.kind == "torque scaled" or self._as_is > self.now.blocks.mean() + self._clearly:
             return False
         mended = left_by_description(self.robot, mistake.mended(self.motion))
-        return mended is not None and self._as_is - mended < CLEARLY
+        return mended is not None and self._as_is - mended < self._clearly
+
+    def prefers(self, mistake: Mistake, other: Mistake) -> bool:
+        """Whether it explains clearly more without one mistake than without another that a fit cannot tell from it."""
+        one, two = (left_by_description(self.robot, each.mended(self.motion)) for each in (mistake, other))
+        return one is not None and two is not None and two - one >= self._clearly
+
+    @property
+    def _clearly(self) -> float:
+        return CLEARLY / max(int(self.now.moving.sum()), 1)
 
     @cached_property
     def _as_is(self) -> float:

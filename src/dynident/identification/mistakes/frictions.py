@@ -52,16 +52,22 @@ def excess_of(robot: Robot, frictions: FloatArray, heavy: Collection[int] = ()) 
     if limits is None:
         return _by_place(robot, size, known, heavy)
     share = size / limits
-    found = {}
-    for joint in np.flatnonzero(known):
-        others = known & (np.arange(robot.n) != joint)
-        if others.sum() < 2:
+    found: dict[int, float] = {}
+    joints = np.arange(robot.n)
+    # A joint alone, or all from one on, as where the outer drives are of another make.
+    for group in (*(joints == joint for joint in joints), *(joints >= first for first in range(1, robot.n - 1))):
+        members, others = np.flatnonzero(known & group), known & ~group
+        if not len(members) or others.sum() < 2:
             continue
         usual, largest = float(np.median(share[others])), float(share[others].max())
-        least = _least(int(joint), heavy) * max(LARGE_SHARE, APART * usual, APART_LARGEST * largest)
-        is_most = size[joint] > MORE * size[others & _turning(robot)].max(initial=0.0)
-        if share[joint] > least and (is_most or share[joint] > HUGE_SHARE):
-            found[int(joint)] = float(share[joint]) / usual
+        most = size[others & _turning(robot)].max(initial=0.0)
+        large = [
+            share[joint] > _least(int(joint), heavy) * max(LARGE_SHARE, APART * usual, APART_LARGEST * largest)
+            and (size[joint] > MORE * most or share[joint] > HUGE_SHARE)
+            for joint in members
+        ]
+        if all(large):
+            found |= {int(joint): float(share[joint]) / usual for joint in members}
     by_place = _by_place(robot, size, known, heavy)
     return found or {
         joint: times

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
+from scipy.optimize import minimize
 
 from dynident.arrays import FloatArray
 from dynident.identification.mistakes.described import left_by_description
-from dynident.identification.mistakes.judge import BLOCKS
+from dynident.identification.mistakes.judge import BLOCKS, CLEARLY, Judge, Left
 from dynident.identification.mistakes.scales import KNOWN
 from dynident.identification.mistakes.search import left_of
 from dynident.identification.mistakes.swaps import Motion
@@ -26,9 +28,19 @@ _APART, _EXPLAINED = 1.7, 0.3
 """Times what the robot's dynamics leave with gravity that they leave without it: at least that in right torques; and
 what they may leave."""
 _POOR = 0.15
-"""Left of the torque from which on another direction of gravity is looked for: at most 0.11 on the open recordings."""
+"""Left of the torque of the joint that is explained worst, from which on another direction of gravity is looked for."""
+_ON_AXIS, _BESIDE = 0.9976, 0.9
+"""Cosine of 4 degrees to an axis or a slope of 45 degrees between two, within which gravity is taken for along it, and
+of directions that are other ones: 26 degrees away."""
+_SIMPLEX, _FINE, _MOST_TRIED = np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2]]), 0.01, 40
+"""Tangents of the first angles from the best of the usual directions (11 degrees), of those that are told apart at
+last, and of how many."""
+_USUAL = tuple(
+    np.array(one) / np.linalg.norm(one) for one in product((-1.0, 0.0, 1.0), repeat=3) if 0 < np.count_nonzero(one) < 3
+)
+"""Directions of bases on floors, walls and ceilings, and slopes of 45 degrees."""
 _CLEARLY = 1.25
-"""Times what the next direction has to leave of the torque."""
+"""Times what another direction of gravity leaves that no gravity has to."""
 _BORNE_OUT = 0.3
 """Mean logarithm by which the description leaves less with its gravity than without, from which on gravity is there: in
 right short motions 0.6 and more, where it was taken out of them at most 0.1."""
@@ -49,20 +61,24 @@ class Shares:
 
 @dataclass(frozen=True, eq=False)
 class Mounting:
-    """Gravity (3,) in the base frame in m/s² that explains most, what it leaves of the torque, and what the stated one.
+    """Gravity (3,) in the base frame in m/s² that explains most.
 
-    `is_sure` says whether it leaves clearly less than every other direction along an axis.
+    `left` is what it leaves of the torque of the joint that is explained worst, `left_as_stated` what the stated one
+    does; `is_sure` says whether it leaves clearly less than every other direction along an axis; `explains` and
+    `as_stated` are all that is known of what either leaves.
     """
 
     gravity: FloatArray
     left: float
     left_as_stated: float
     is_sure: bool
+    explains: Left
+    as_stated: Left
 
 
 def shares_of(robot: Robot, motion: Motion, factor: float = 1.0) -> Shares | None:
     """What is in a torque of the description's load; `factor` makes N m of it. None without masses or gravity."""
-    if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0) or not np.linalg.norm(robot.gravity) > 1.0:
+    if not _has_masses(robot) or not np.linalg.norm(robot.gravity) > 1.0:
         return None
     every = max(1, len(motion.q) // _STATES)
     q, dq, ddq, tau = (one[::every] for one in (motion.q, motion.dq, motion.ddq, motion.tau * factor))
@@ -97,7 +113,7 @@ def compensated(robot: Robot, motion: Motion, factor: float = 1.0) -> Shares | N
     if without >= min(_APART * with_it, _EXPLAINED) or _is_borne_out(robot, floating, motion):
         return None
     # Gravity that pulls in another direction than is stated is not in that load either.
-    return None if mounting_of(robot, motion).left * _CLEARLY < without else found
+    return None if mounting_of(robot, motion).explains.usual * _CLEARLY < without else found
 
 
 def _is_borne_out(robot: Robot, floating: Robot, motion: Motion) -> bool:
@@ -106,44 +122,83 @@ def _is_borne_out(robot: Robot, floating: Robot, motion: Motion) -> bool:
     return with_it is not None and without is not None and with_it < without - _BORNE_OUT
 
 
-def other_mounting(robot: Robot, motion: Motion, left: float) -> Mounting | None:
-    """Another direction of gravity that surely explains more than the stated one, which leaves `left`; else None."""
-    if left < _POOR or not np.linalg.norm(robot.gravity) > 1.0:
+def other_mounting(robot: Robot, motion: Motion, now: Left) -> Mounting | None:
+    """Find another direction of gravity that surely explains more than the stated one, which leaves `now`; else None.
+
+    Judged by the joint that is explained worst: gravity of a wall is in the first joint's torque alone, where a mean
+    over the joints hides it.
+    """
+    if not np.linalg.norm(robot.gravity) > 1.0:
+        return None
+    if now.worst < _POOR and (not _has_masses(robot) or _is_upright(robot, motion)):
         return None
     found = mounting_of(robot, motion)
-    better = found.is_sure and found.left * _CLEARLY < found.left_as_stated
+    better = found.is_sure and now.surely_above(found.explains)
     return found if better and found.left < _EXPLAINED else None
 
 
 def mounting_of(robot: Robot, motion: Motion) -> Mounting:
-    """Find the axis of the base frame along which gravity pulls: of a robot on a floor, a wall or a ceiling.
+    """Find the direction in the base frame along which gravity pulls: of a robot on a floor, a wall, a slope.
 
-    Up and down often explain a torque alike; the masses of the description decide then, if it has any.
+    It is looked for along the axes and half way between them, and near the best of these where most is explained. Up
+    and down often explain a torque alike; the masses of the description decide then, if it has any.
     """
-    directions = [sign * axis * _GRAVITY for axis in np.eye(3) for sign in (1.0, -1.0)]
-    left = np.array([left_of(replace(robot, gravity=one), motion) for one in directions])
-    best = int(np.argmin(left))
-    twin = best ^ 1
-    alike = left[twin] < _CLEARLY * left[best]
-    if alike:
-        for place in (best, twin):
-            turned = replace(robot, gravity=directions[place])
-            if _is_upright(turned, motion):
-                best, twin, alike = place, place ^ 1, False
-                break
-    others = [one for place, one in enumerate(left) if place not in (best, twin)]
-    return Mounting(
-        directions[best],
-        float(left[best]),
-        left_of(robot, motion),
-        bool(not alike and min(others) > _CLEARLY * left[best]),
-    )
+    size = float(np.linalg.norm(robot.gravity)) or _GRAVITY
+    leanings = _Leanings(robot, motion, size)
+    tried = [(direction, leanings.left(direction)) for direction in _USUAL]
+    best, explains = min(tried, key=lambda pair: pair[1].score)
+    slope = leanings.lowest_near(best)
+    if slope @ best < _ON_AXIS:
+        best, explains = slope, leanings.left(slope)
+    opposite = leanings.left(-best)
+    alike = not opposite.surely_above(explains)
+    if alike and _has_masses(robot):
+        upright = [_is_upright(replace(robot, gravity=one * size), motion) for one in (best, -best)]
+        if upright[0] != upright[1]:
+            alike = False
+            if upright[1]:
+                best, explains = -best, opposite
+    others = [other for direction, other in tried if abs(direction @ best) < _BESIDE]
+    apart = all(other.summed_fall_to(explains) >= CLEARLY for other in others)
+    as_stated = leanings.left(robot.gravity / size)
+    return Mounting(best * size, explains.worst, as_stated.worst, not alike and apart, explains, as_stated)
+
+
+class _Leanings:
+    """Tells what gravity along different directions leaves of a motion's torque, in which it is linear."""
+
+    def __init__(self, robot: Robot, motion: Motion, size: float) -> None:
+        # Along no axis, so that every term of gravity is there.
+        self._judge = Judge(replace(robot, gravity=size * _unit(np.array([3.0, 4.0, 5.0]))))
+        self._motion, self._size = motion, size
+        self._parts = [Judge(replace(robot, gravity=one)) for one in (np.zeros(3), *np.eye(3))]
+
+    def left(self, direction: FloatArray) -> Left:
+        factors = direction * self._size
+        return self._judge.left_by(self._motion, self._parts, [1.0 - float(factors.sum()), *map(float, factors)])
+
+    def lowest_near(self, start: FloatArray) -> FloatArray:
+        """Find the direction (3,) near a first one with the lowest score."""
+        across = np.linalg.svd(start[None, :])[2][1:]
+
+        def score(tangent: FloatArray) -> float:
+            return self.left(_unit(start + tangent @ across)).score
+
+        found = minimize(score, np.zeros(2), method="Nelder-Mead", options={
+            "initial_simplex": _SIMPLEX, "xatol": _FINE, "fatol": _FINE, "maxfev": _MOST_TRIED})  # fmt: skip
+        return _unit(np.round(_unit(start + found.x @ across), 2))
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _has_masses(robot: Robot) -> bool:
+    return robot.inertias is not None and bool(np.any(robot.inertias[:, 9] > 0))
 
 
 def _is_upright(robot: Robot, motion: Motion) -> bool:
     """Whether the loads of the description pull as the torques say."""
-    if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
-        return False
     every = max(1, len(motion.q) // _STATES)
     load = _load(robot, motion.q[::every])
     size = (load**2).sum(axis=0)

@@ -29,6 +29,15 @@ KNOWN = 3.0
 """Standard errors, among blocks of time, that a joint's factor has to be, or nothing is told of it: where a joint moves
 too little, what its friction leaves looks like many times a load that is nearly none (2.8 of a right short motion)."""
 
+EXPLAINED_OF_GROUP = 0.5
+"""The same from which on the load of a joint tells by how much a group of joints is off: without it a power of ten is
+said, and 0.5 are clear of what a wrist's friction leaves of it."""
+
+A_POWER, SAME_POWER = 1.6, 10.0
+"""Times a power of ten to which a ratio of masses is taken for it, since most units are powers of ten and descriptions'
+masses are off by half; and times the factor that explains most up to which masses are believed: what is left is flat
+there."""
+
 HEAVY = 4.0
 """Times the description's load from which on the torque of a joint that it explains a little may be too large: a load
 at the flange makes it so of wrists, so that friction has to say it, too."""
@@ -106,6 +115,22 @@ def nearer_to_masses(load: FloatArray | None, motion: Motion, joint: int, factor
         return True
     needed, own = (float(np.sqrt((one[:, joint] ** 2).mean())) for one in (load, motion.tau))
     return needed <= 0.0 or own <= 0.0 or abs(np.log(factor * own / needed)) < abs(np.log(own / needed))
+
+
+def by_masses(robot: Robot, motion: Motion, joints: Sequence[int], factor: float) -> float:
+    """Give the factor that makes of the torques of some joints what the description's masses need.
+
+    It is `factor`, a power of ten, where the masses say about the same, or nothing of these joints.
+    """
+    told = _told(robot, motion) or ()
+    known = [told[k][0] for k in joints if told and told[k][1] >= EXPLAINED_OF_GROUP and told[k][0] > 0]
+    if not known:
+        return factor
+    ratio = 1.0 / float(np.median(known))
+    if not 1.0 / SAME_POWER < ratio / factor < SAME_POWER:
+        return factor
+    power = 10.0 ** np.rint(np.log10(ratio))
+    return float(power if 1.0 / A_POWER < ratio / power < A_POWER else f"{ratio:.2g}")
 
 
 def _power(times: float) -> float:

@@ -19,11 +19,12 @@ Kind = Literal[
     "position turned",
     "joint turned",
     "torque scaled",
+    "joint coupled",
 ]
 
 _SWAPS: tuple[Kind, ...] = ("torques swapped", "positions swapped", "joints swapped")
 _TURNS: tuple[Kind, ...] = ("torque turned", "position turned", "joint turned")
-_OF_POSITION = ("positions swapped", "joints swapped", "position turned", "joint turned")
+_OF_POSITION = ("positions swapped", "joints swapped", "position turned", "joint turned", "joint coupled")
 _OF_TORQUE = ("torques swapped", "joints swapped", "torque turned", "joint turned", "torque scaled")
 _SMALL = 1e-3
 FACTORS = (0.001, 0.1, 10.0, 1000.0)
@@ -43,14 +44,21 @@ class Motion:
 
 @dataclass(frozen=True)
 class Mistake:
-    """One mistake: two joints whose columns stand in each other's place, or one whose sign or size is another.
+    """One mistake: two joints whose columns stand in each other's place, or joints whose sign or size is another.
 
-    Of a joint that is swapped or turned, both position and torque are. `factor` mends a torque that is scaled.
+    Of a joint that is swapped or turned, both position and torque are. `factor` mends torques that are scaled. Of two
+    joints that are coupled, the first is counted from the second: its position is that of the column less `factor`
+    times the second's.
     """
 
     kind: Kind
     joints: tuple[int, ...]
     factor: float = 1.0
+
+    @property
+    def is_swap(self) -> bool:
+        """Whether two joints stand in each other's place."""
+        return self.kind in _SWAPS
 
     @property
     def is_of_positions(self) -> bool:
@@ -71,39 +79,68 @@ class Mistake:
         """The recording without the mistake, if it is the one that was made."""
         n = motion.q.shape[1]
         order, sign = np.arange(n), np.ones(n)
-        if len(self.joints) == 2:
+        if self.is_swap:
             first, second = self.joints
             order[first], order[second] = second, first
-        elif self.kind == "torque scaled":
-            sign[self.joints[0]] = self.factor
-        else:
-            sign[self.joints[0]] = -1.0
+        elif self.kind != "joint coupled":
+            sign[list(self.joints)] = self.factor if self.kind == "torque scaled" else -1.0
         q, dq, ddq, tau = motion.q, motion.dq, motion.ddq, motion.tau
-        if self.is_of_positions:
+        if self.kind == "joint coupled":
+            q, dq, ddq = (_uncoupled(signal, self) for signal in (q, dq, ddq))
+        elif self.is_of_positions:
             q, dq, ddq = (signal[:, order] * sign for signal in (q, dq, ddq))
         if self.is_of_torques:
             tau = tau[:, order] * sign
         return Motion(q, dq, ddq, tau, motion.block)
 
 
+def _uncoupled(signal: FloatArray, mistake: Mistake) -> FloatArray:
+    own, other = mistake.joints
+    changed = signal.copy()
+    changed[:, own] -= mistake.factor * signal[:, other]
+    return changed
+
+
 def alone(motion: Motion, joints: tuple[int, ...]) -> Motion:
     """The motion with some joints' torques so small that they say nothing of what other joints' torques need, too."""
     tau = motion.tau.copy()
-    tau[:, joints] *= _SMALL
+    tau[:, list(joints)] *= _SMALL
     return replace(motion, tau=tau)
 
 
-def mistakes_among(moving: BoolArray) -> Iterator[Mistake]:
-    """All single mistakes that may have been made.
+def mistakes_among(moving: BoolArray, parallel: BoolArray | None = None) -> Iterator[Mistake]:
+    """Yield all mistakes that may have been made, those of the whole robot first.
 
     Parameters
     ----------
     moving : (n,)
         Joints that move: of the others nothing can be told.
+    parallel : (n,), optional
+        Joints whose axis is parallel to that of the joint before: their angle may be counted from that joint's.
     """
+    yield from _of_many_joints(moving)
+    if parallel is not None:
+        for index in np.flatnonzero(parallel & moving):
+            pair = (int(index), int(index) - 1)
+            yield from (Mistake("joint coupled", pair, factor) for factor in (1.0, -1.0))
     joints = [int(j) for j in np.flatnonzero(moving)]
-    for first, second in combinations(joints, 2):
-        yield from (Mistake(kind, (first, second)) for kind in _SWAPS)
+    for first, second in combinations(range(len(moving)), 2):
+        if moving[first] and moving[second]:
+            yield from (Mistake(kind, (first, second)) for kind in _SWAPS)
+        elif moving[first] or moving[second]:
+            # Of a joint at rest nothing is told but that its column does not hold the other's torque.
+            yield Mistake("torques swapped", (first, second))
     for joint in joints:
         yield from (Mistake(kind, (joint,)) for kind in _TURNS)
         yield from (Mistake("torque scaled", (joint,), factor) for factor in FACTORS)
+
+
+def _of_many_joints(moving: BoolArray) -> Iterator[Mistake]:
+    """Yield signs of all joints, and sizes of the torques of all joints from one on, as of two makes of drives."""
+    n = len(moving)
+    if moving.sum() > 1:
+        # Both together are the same arm in a mirror, on the ceiling: gravity tells that.
+        yield from (Mistake(kind, tuple(range(n))) for kind in _TURNS[:2])
+    for first in range(1, n - 1):
+        if moving[first:].sum() > 1:
+            yield from (Mistake("torque scaled", tuple(range(first, n)), factor) for factor in FACTORS)

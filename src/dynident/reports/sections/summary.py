@@ -53,6 +53,7 @@ def summary_section(
             identification,
             [run.recording for run in runs if not run.held_out],
             [run.recording for run in runs if run.held_out],
+            {run.name: run.checks for run in runs},
         ),
     )
     return Section("summary", "Summary", "summary", content)

@@ -1,0 +1,77 @@
+"""What the robot's dynamics say of the columns of a sample: the checks of a whole file, as guesses and questions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.identification.imports.fits import Fits
+from dynident.identification.imports.proposal import Guess, Question
+from dynident.identification.mistakes import examine
+from dynident.identification.mistakes.checks import GRAVITY, SCALE
+from dynident.recordings.stated import COMMANDED
+from dynident.recordings.types import Check
+from dynident.robot import Robot
+
+_SOUND = 0.5
+"""Share of an average joint's torque left, from which on the columns are taken for wrong."""
+
+_ASKED = (GRAVITY, SCALE)
+"""Checks that only warn, of what makes a model useless."""
+
+_FIELDS = {GRAVITY: "gravity", SCALE: "units/tau", COMMANDED: "effort_kind"}
+"""Fields of the metadata, or of the robot, that findings are about; of the others, the columns."""
+
+
+def hold_against(
+    robot: Robot, fits: Fits, q: FloatArray, tau: FloatArray, names: tuple[Sequence[str], Sequence[str]], *, in_si: bool
+) -> tuple[list[Guess], list[Question]]:
+    """Hold columns against a robot's dynamics as the whole file will be: what is refused then is asked now.
+
+    Parameters
+    ----------
+    robot : Robot
+        As it was given.
+    fits : Fits
+        Of the sample.
+    q, tau : (m, n)
+        Positions in rad or m; torques, in N m or N where that is known, which `in_si` says.
+    names : pair of names
+        Of the columns of positions, and of torques.
+    """
+    recording = fits.recording(q, tau)
+    examined = None if recording is None else examine(robot, recording, *names)
+    # By how much torques in a unit that is not known are off, is asked with the unit.
+    wrong = [] if examined is None else [one for one in examined.checks if _is_finding(one, in_si=in_si)]
+    questions = [
+        Question(_FIELDS.get(one.name, "columns"), one.detail, check=one.name) for one in wrong if _is_asked(one)
+    ]
+    guesses = [Guess("check", one.name.replace("_", " "), 0.5, one.detail) for one in wrong if not _is_asked(one)]
+    is_commanded = any(one.name == COMMANDED for one in wrong)
+    still = np.flatnonzero((np.ptp(tau, axis=0) == 0) & (np.ptp(q, axis=0) > 0))
+    if len(still) and not is_commanded:
+        never = ", ".join(names[1][int(joint)] for joint in still)
+        questions.append(
+            Question("columns/tau", f"{never} never change while the joints move: where is the measured torque?")
+        )
+    if examined is None or examined.left is None:
+        nothing = "the sample moves too little to be held against the robot's dynamics"
+        return [*guesses, *([] if is_commanded else [Guess("check", "none", 0.5, nothing)])], questions
+    left = examined.left
+    worst = robot.joint_names[int(np.argmax(left.joints))]
+    reason = f"what the robot's dynamics do not explain, in the mean over the joints; of {worst} {left.worst:.0%}"
+    if left.usual < _SOUND and not wrong:
+        return [*guesses, Guess("check", f"{left.usual:.0%} left", 0.9, reason)], questions
+    # What is most probably wrong stands before everything else.
+    cause = f"; most probably: {wrong[0].detail}" if wrong else ""
+    return [Guess("check", f"{left.usual:.0%} left", 0.4, f"{reason}{cause}"), *guesses], questions
+
+
+def _is_finding(check: Check, *, in_si: bool) -> bool:
+    return check.status != "ok" and (in_si or check.name != SCALE)
+
+
+def _is_asked(check: Check) -> bool:
+    return check.status == "error" or check.name in _ASKED

@@ -1,0 +1,61 @@
+"""A description whose masses or inertias are not in SI units: no machine of its size weighs that much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.robot.model import Robot
+
+_HEAVIEST = 1000.0
+"""kg per m² of reach: arms have 10 to 160, from a hobby servo arm to one for 300 kg; in grams it is at least 10,000."""
+
+_WIDEST = 3.0
+"""Times the reach up to which a link's centre of mass, or its radius of gyration, may be from its joint: 0.6 in
+descriptions that are right, and 30 and more with mm taken for m."""
+
+_SMALL = 1e-3
+
+
+@dataclass(frozen=True)
+class DescribedUnits:
+    """What a description's masses, first moments and inertias have to be multiplied by to be in SI units."""
+
+    mass: float
+    moment: float
+    inertia: float
+
+    def of(self, robot: Robot) -> Robot:
+        """The robot with inertial parameters in SI units."""
+        assert robot.inertias is not None
+        factors = np.array([self.inertia] * 6 + [self.moment] * 3 + [self.mass])
+        return replace(robot, inertias=robot.inertias * factors)
+
+    def __str__(self) -> str:
+        masses = "" if self.mass == 1.0 else "masses seem to be in g, 1000 times what such an arm weighs"
+        centres = "" if self.moment == self.mass else "centres of mass seem to be in mm"
+        times = self.inertia / self.mass
+        unit = {(_SMALL, _SMALL**2): "g mm²", (1.0, _SMALL**2): "kg mm²", (_SMALL, 1.0): "g m²"}
+        named = unit.get((self.mass, round(times, 12)))
+        inertias = "" if self.inertia == 1.0 else f"inertias in {named}, {1.0 / self.inertia:.0e} times those in kg m²"
+        return ", ".join(one for one in (masses, centres, inertias) if one)
+
+
+def find_units(robot: Robot) -> DescribedUnits | None:
+    """Find the units of a description's masses, of its own numbers alone; None where they are SI, or there are none."""
+    if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
+        return None
+    reach = sum(float(np.linalg.norm(np.asarray(joint.placement)[:3, 3])) for joint in robot.joints)
+    links = robot.inertias[robot.inertias[:, 9] > 0]
+    if reach <= 0.0:
+        return None
+    masses = links[:, 9]
+    mass = _SMALL if masses.sum() > _HEAVIEST * reach**2 else 1.0
+    centre = float(np.median(np.linalg.norm(links[:, 6:9], axis=1) / masses))
+    moment = mass * (_SMALL if centre > _WIDEST * reach else 1.0)
+    # About the centre of mass no inertia is larger than the largest about the joint.
+    squares = np.abs(links[:, [0, 3, 5]]).max(axis=1) / masses
+    wide = float(np.sqrt(np.median(squares))) > _WIDEST * reach
+    found = DescribedUnits(mass, moment, mass * (_SMALL**2 if wide else 1.0))
+    return None if found == DescribedUnits(1.0, 1.0, 1.0) else found
