@@ -84,7 +84,8 @@ def test_the_missing_effect_is_named_and_added(name: str) -> None:
     assert [one.effect for one in diagnosis.recommended] == ["stribeck"]
     better = model_of(name).extend(diagnosis)
     before, after = model_of(name).held_out, better.held_out
-    assert before is not None and after is not None
+    assert before is not None
+    assert after is not None
     assert after.relative_total < 0.7 * before.relative_total
 
 

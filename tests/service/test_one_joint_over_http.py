@@ -16,7 +16,8 @@ SHORT = {"duration": 6.0, "sampling_rate": 100.0, "harmonics": 3}
 @pytest.mark.parametrize("name", ONE_JOINT)
 def test_a_robot_of_one_joint_goes_the_whole_way(live: Client, name: str) -> None:
     robot = live.robots.create(name, urdf=one_joint_urdf(name))
-    assert live.robots.geometry(robot) and live.robots.poses(robot, [[0.1]])
+    assert live.robots.geometry(robot)
+    assert live.robots.poses(robot, [[0.1]])
     design = live.designs.create(robot, trajectory=SHORT, starts=1, random_trajectories=2).wait()
     assert design.result["n_samples"] > 600
     assert live.designs.clearances(design)["t"]
@@ -30,8 +31,10 @@ def test_a_robot_of_one_joint_goes_the_whole_way(live: Client, name: str) -> Non
         runs.append(live.measurements.get(simulation.result["measurement_id"]))
     model = live.identifications.create(robot, runs[:1], validation=runs[1:2]).wait()
     assert model.result["validation"]["relative_total"] < 0.2
-    assert live.identifications.essential(model) and live.identifications.correlation(model)
-    assert live.identifications.tables(model) and live.identifications.verdict(model)
+    assert live.identifications.essential(model)
+    assert live.identifications.correlation(model)
+    assert live.identifications.tables(model)
+    assert live.identifications.verdict(model)
     diagnosis = live.diagnoses.create(model).wait()
     assert [one["effect"] for one in diagnosis.result["recommended"]] == ["stribeck"]
     better = live.identifications.extend(model, diagnosis.result["recommended"]).wait()

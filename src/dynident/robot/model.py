@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
@@ -21,6 +22,9 @@ INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 
 JointKind = Literal["revolute", "prismatic"]
 
+WIDEST_RANGE = {"revolute": 20 * math.pi, "prismatic": 1000.0}
+"""Widest range of positions, rad or m, that counts as a limit: the last joint of some arms makes a few turns."""
+
 
 @dataclass(frozen=True, eq=False)
 class Joint:
@@ -38,6 +42,17 @@ class Joint:
     axis: FloatArray
     limits: Limits = field(default_factory=Limits)
     link: str = ""
+
+    @property
+    def reach(self) -> tuple[float, float] | None:
+        """Lowest and highest position in rad or m; `None` where no limit is known, or it limits nothing."""
+        return None if self.has_limitless_range else self.limits.position
+
+    @property
+    def has_limitless_range(self) -> bool:
+        """Whether the stated positions are wider than those of any machine, as some write continuous joints."""
+        position = self.limits.position
+        return position is not None and not position[1] - position[0] <= WIDEST_RANGE[self.kind]
 
     @property
     def effort_unit(self) -> str:
