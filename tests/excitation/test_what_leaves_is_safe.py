@@ -81,7 +81,7 @@ def test_a_slower_pace_is_valued_as_it_is_run(scara):
     ],
 )
 def test_what_is_too_much_is_refused(scara, wrong):
-    with pytest.raises(DynidentError, match="at most|it must be .* to"):
+    with pytest.raises(DynidentError, match=r"at most|it must be .* to"):
         design_experiment(scara, replace(QUICK, **wrong))
 
 
