@@ -100,7 +100,7 @@ def test_a_criterion_without_what_it_is_about_is_refused(scara, criterion, point
 
 
 def test_a_noise_that_is_none_is_refused(scara):
-    with pytest.raises(DynidentError, match="noise of elbow is 0.0; it must be 1e-09 to") as caught:
+    with pytest.raises(DynidentError, match=r"noise of elbow is .*; it must be 1e-09 to") as caught:
         design_experiment(scara, replace(QUICK, noise={"elbow": 0.0}))
     assert caught.value.pointer == "/noise/elbow"
 

@@ -24,7 +24,8 @@ def test_a_design_within_limits_of_thousands_of_turns_stays_within_one(size: flo
     design = dy.design(wide("pendulum", size), request).design
     assert np.abs(design.q).max() <= np.pi
     assert design.duration < 20.0
-    assert any("limits of axis are wider than 10 turns and count as none" in note for note in design.notes)
+    known = "limits of axis are wider than 10 turns and count as none" if size < 1e300 else "No position limit is known"
+    assert any(known in note for note in design.notes)
     sweep = dy.design(wide("pendulum", size), kind="slow_sweep", duration=4.0, sampling_rate=50.0).design
     assert np.abs(sweep.q).max() <= np.pi
 

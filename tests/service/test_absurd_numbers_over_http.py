@@ -87,7 +87,9 @@ def test_an_absurd_number_in_a_body_is_no_error_of_ours(client: TestClient, robo
             continue
         text = body.replace("@", number)
         needed = {"robot_id": robot["id"], "measurement_ids": [NONE], "identification_id": NONE}
-        stated = ", ".join(f'"{name}": {json.dumps(value)}' for name, value in needed.items() if f'"{name}"' not in text)
+        stated = ", ".join(
+            f'"{name}": {json.dumps(value)}' for name, value in needed.items() if f'"{name}"' not in text
+        )
         for sent in (text, f"{{{stated}, {text[1:]}" if text.startswith("{") else text):
             answer = client.post(path, content=sent, headers={"content-type": "application/json"})
             assert answer.status_code < 500, (path, sent[:200], answer.text)
@@ -106,7 +108,14 @@ def test_an_absurd_number_asked_of_what_there_is_is_no_error_of_ours(live: Clien
     comparison, diagnosis = live.comparisons.create(model, run).wait(), live.diagnoses.create(model).wait()
     ids = {"robot": robot, "measurement": run, "design": design, "identification": model}
     ids |= {"comparison": comparison, "diagnosis": diagnosis, "job": simulation}
-    needed = {"joint": "axis", "against": "q_axis", "variable": "q_axis", "signals": "q_axis", "rank": 1, "format": "csv"}
+    needed = {
+        "joint": "axis",
+        "against": "q_axis",
+        "variable": "q_axis",
+        "signals": "q_axis",
+        "rank": 1,
+        "format": "csv",
+    }
     answered = set()
     for method, path, name in _operations("query"):
         address = path

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from dynident.errors import DynidentError
 from dynident.robot.pointers import listed, pointer
 
+_LONGEST = 60
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _EXPRESSION = re.compile(rf"([+-]?)\s*(?:({_NUMBER})\s*\*\s*)?(pi|π)\s*(?:/\s*({_NUMBER}))?")
 
@@ -21,6 +22,8 @@ def parse_json(text: str, at: str, title: str) -> object:
         return value
     except json.JSONDecodeError as error:
         detail = f"line {error.lineno}: The JSON is malformed at column {error.colno}: {error.msg}."
+    except ValueError:  # Python reads no whole number of more than some thousand digits.
+        detail = "The JSON has a number of too many digits."
     except RecursionError:
         detail = "The JSON is nested too deeply."
     raise DynidentError(detail, pointer=at, title=title)
@@ -53,7 +56,7 @@ def expect_number(value: object, at: str, title: str) -> float:
     elif isinstance(value, str):
         number = _evaluated(value.strip())
     if not math.isfinite(number):
-        detail = f'{value!r} is not a number; expected one such as 0.5, "pi/2" or "-3*pi/4".'
+        detail = f'{repr(value)[:_LONGEST]} is not a number; expected one such as 0.5, "pi/2" or "-3*pi/4".'
         raise DynidentError(detail, pointer=at, title=title)
     return number
 

@@ -88,7 +88,8 @@ def merged_limits(described: Limits, stated: Limits | None) -> Limits:
         value = None if stated is None else getattr(stated, item.name)
         if value is None:
             value = getattr(described, item.name)
-            if isinstance(value, float) and not said_of(item).admits(value):
+            ends = value if isinstance(value, tuple) else () if value is None else (value,)
+            if not all(said_of(item).admits(end) for end in ends):
                 value = None
         values[item.name] = value
     return Limits(**values)
