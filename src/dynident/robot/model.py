@@ -11,6 +11,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.descriptions import DescriptionFormat
+from dynident.encoding import encodable
 from dynident.html import block, paragraph, table
 from dynident.robot.stated import Drive, Limits
 
@@ -42,6 +43,11 @@ class Joint:
     axis: FloatArray
     limits: Limits = field(default_factory=Limits)
     link: str = ""
+
+    def __post_init__(self) -> None:
+        # Pinocchio, Arrow and matplotlib take no text that has no encoding.
+        object.__setattr__(self, "name", encodable(self.name))
+        object.__setattr__(self, "link", encodable(self.link))
 
     @property
     def reach(self) -> tuple[float, float] | None:
@@ -88,6 +94,9 @@ class Robot:
     inertias: FloatArray | None = None
     locked_joints: Mapping[str, float] = field(default_factory=dict)
     linkage: Linkage | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", encodable(self.name))
 
     def __repr__(self) -> str:
         gains = sum(drive.gain is not None for drive in self.drives)
