@@ -6,9 +6,8 @@ command line with their help, the client's signatures and the forms of the page.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import MISSING, Field, dataclass, field, fields, replace
-from math import isfinite
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias, TypedDict, TypeVar, Unpack
 
 from dynident.errors import DynidentError
@@ -22,6 +21,10 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _KEY = "said"
+LARGEST_SEED = 2**53 - 1
+"""The largest whole number that every reader of JSON keeps."""
+LARGEST = 1e16
+"""Size of any number in a request: nothing of a robot is larger in any unit, and its fourth power can be taken."""
 
 
 @dataclass(frozen=True)
@@ -107,11 +110,9 @@ class Said:
         return f"{self.words}, in {self.unit}" if self.words and self.unit else self.words or self.unit
 
     def admits(self, value: float) -> bool:
-        """Whether a number is finite and within the range."""
-        if self.above is None and self.at_least is None and self.at_most is None:
-            return True
+        """Whether a number is finite, of a size that can be meant, and within the range."""
         return (
-            isfinite(value)
+            -LARGEST <= value <= LARGEST
             and (self.above is None or value > self.above)
             and (self.at_least is None or value >= self.at_least)
             and (self.at_most is None or value <= self.at_most)
@@ -120,6 +121,8 @@ class Said:
     @property
     def range(self) -> str:
         """The range in words."""
+        if self.above is None and self.at_least is None and self.at_most is None:
+            return f"{-LARGEST:g} to {LARGEST:g}"
         if self.at_least is not None and self.at_most is not None:
             return f"{self.at_least:g} to {self.at_most:g}"
         ends = (("above", self.above), ("at least", self.at_least), ("at most", self.at_most))
@@ -191,14 +194,42 @@ def default_of(one: Field[T]) -> T | Missing:
 
 
 def check_ranges(request: DataclassInstance, within: str = "") -> None:
-    """Raise `DynidentError` where a number of a request, or one in a list, is not within what is said of its field."""
+    """Raise `DynidentError` where a number of a request, or of a part of one, is not within what is said of its field.
+
+    `within` is the pointer to the request.
+    """
     for one in fields(request):
-        about, value = said_of(one), getattr(request, one.name)
-        several = isinstance(value, tuple)
-        for index, number in enumerate(value if several else (value,)):
-            if isinstance(number, (int, float)) and not about.admits(number):
-                at = f"{within}/{one.name}" + (f"/{index}" if several else "")
-                raise DynidentError(f"{one.name} is {number}; it must be {about.range}", pointer=at)
+        if _KEY in one.metadata:
+            _check_values(getattr(request, one.name), one.name, said_of(one), f"{within}/{one.name}")
+
+
+def _check_values(value: object, name: str, about: Said, at: str) -> None:
+    """Check what a field holds: a number, another request, or several of them."""
+    if isinstance(value, (int, float)):
+        if not (isinstance(value, bool) or about.admits(value)):
+            raise DynidentError(f"{name} is {_shown(value)}; it must be {about.range}", pointer=at)
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            _check_values(item, f"{name} of {key}", about, f"{at}/{_escaped(key)}")
+    elif isinstance(value, (tuple, list)):
+        if not (about.fewest or 0) <= len(value) <= (len(value) if about.most is None else about.most):
+            ends = (("at least", about.fewest), ("at most", about.most))
+            allowed = " and ".join(f"{words} {end}" for words, end in ends if end is not None)
+            raise DynidentError(f"{name} has {len(value)} items; it must have {allowed}", pointer=at)
+        for index, item in enumerate(value):
+            _check_values(item, name, about, f"{at}/{index}")
+    elif is_dataclass(value) and not isinstance(value, type):
+        check_ranges(value, at)
+
+
+def _escaped(key: object) -> str:
+    """A key as a JSON pointer has it."""
+    return str(key).replace("~", "~0").replace("/", "~1")
+
+
+def _shown(value: float) -> str:
+    # Python refuses to write whole numbers of very many digits.
+    return "too large" if isinstance(value, int) and abs(value) > LARGEST else str(value)
 
 
 def _field(about: Said, default: T | Missing, made_by: Callable[[], T] | None) -> T:

@@ -261,7 +261,7 @@ def test_a_robot_without_geometry_says_so_and_a_radius_of_its_links_mends_it(sca
         (Surroundings(clearance=0.0), "/surroundings/clearance"),
         (Surroundings(floor=float("nan")), "/surroundings/floor"),
         (Surroundings(link_radius=-1.0), "/surroundings/link_radius"),
-        (Surroundings(boxes=(Box("a", (0, 0, 0), (0, 1, 1)),)), "/surroundings/boxes/0/size"),
+        (Surroundings(boxes=(Box("a", (0, 0, 0), (0, 1, 1)),)), "/surroundings/boxes/0/size/0"),
         (Surroundings(walls=(Wall("a", (0, 0, 0), (0, 0, 0)),)), "/surroundings/walls/0/normal"),
         (Surroundings(tool_range=ToolRange(low=(1, None, None), high=(0, None, None))), "/surroundings/tool_range"),
         (Surroundings(tool_range=ToolRange(joint="wrist")), "/surroundings/tool_range/joint"),

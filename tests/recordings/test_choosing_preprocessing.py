@@ -14,6 +14,7 @@ from dynident.recordings import (
     preprocessing_from_request,
     recording_from_arrays,
 )
+from dynident.recordings.choosing import motion_band
 from dynident.recordings.spectra import spectra
 
 
@@ -138,3 +139,36 @@ def test_a_recording_in_which_nothing_moves_says_so():
 def test_a_choice_is_impossible_on_its_own_too():
     with pytest.raises(RecordingError):
         Preprocessing(5.0, 5.0, decimation=0)
+
+
+@pytest.mark.parametrize("noise", [1e-7, 2e-4])
+@pytest.mark.parametrize("periods", [1, 2, 6, 40])
+@pytest.mark.parametrize("base", [0.05, 0.1, 0.2, 0.25, 0.3, 0.5, 0.7, 1.0, 2.0])
+def test_lines_of_any_base_frequency_are_the_motion(base: float, periods: int, noise: float) -> None:
+    """A periodic motion has nothing between its lines, nor below the first: its band ends after the last."""
+    if not 3.0 <= periods / base <= 130.0:
+        pytest.skip("no motion that anybody records")
+    rng = np.random.default_rng(3)
+    t = np.arange(round(200.0 * periods / base)) / 200.0
+    rates = 2 * np.pi * base * np.arange(1, 6)
+    # The third line is missing in the first joint, the second and third in the last.
+    sizes = np.array([[1, 1, 0, 1, 0.7], [0.6, 1, 1, 0.8, 1], [1, 0, 0, 1, 1.0]]) / rates
+    phases = rng.uniform(0, 2 * np.pi, (3, 5))
+    q = (0.3 * sizes[:, :, None] * np.sin(rates[:, None] * t + phases[:, :, None])).sum(axis=1).T
+    q = q + noise * rng.normal(size=q.shape)
+    run = recording_from_arrays(t, q, rng.normal(size=q.shape), joint_names=JOINTS)
+    band = motion_band([run])
+    resolution = 2.5 / min(20.0, periods / base)
+    assert 4 * base - resolution < band < 5 * base + resolution
+    assert choose_preprocessing([run]).torque_cutoff >= 3.8 * band  # rounded down
+
+
+def test_a_hum_far_from_the_lines_is_not_the_motion() -> None:
+    rng = np.random.default_rng(3)
+    t = np.arange(8000) / 200.0
+    q = sum(0.2 / k * np.sin(2 * np.pi * 0.5 * k * t + k)[:, None] * np.ones(3) for k in range(1, 6))
+    hum = 2e-3 * np.sin(2 * np.pi * 23.0 * t)[:, None]
+    run = recording_from_arrays(
+        t, q + hum + 1e-5 * rng.normal(size=q.shape), rng.normal(size=q.shape), joint_names=JOINTS
+    )
+    assert motion_band([run]) < 2.7

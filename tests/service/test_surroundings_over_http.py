@@ -70,7 +70,7 @@ def test_what_is_no_obstacle_is_refused_with_its_field(live: Client) -> None:
         ({"surroundings": {"clearance": 0}}, "/surroundings/clearance"),
         (
             {"surroundings": {"boxes": [{"name": "a", "center": [0, 0, 0], "size": [1, 0, 1]}]}},
-            "/surroundings/boxes/0/size",
+            "/surroundings/boxes/0/size/1",
         ),
         ({"surroundings": {"mesh_folders": ["/etc"]}}, "/surroundings/mesh_folders"),
         ({"torque_margin": -1}, "/torque_margin"),

@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from one_joint import one_joint_run
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
+from dynident.diagnosis.comparing.sample_hashes import SampleHashes
 from dynident.identification import Identification, LadderStep, identify
 from dynident.recordings import Recording, Revision, recording_from_arrays
 from dynident.verdict import common_content, is_stopped, verdict
@@ -120,6 +122,46 @@ def test_a_shifted_part_and_one_sampled_anew_are_copies_and_another_run_is_none(
     assert kinds[0] == ["copied"]
     assert kinds[1] in (["copied"], ["repeated"])
     assert kinds[2:] == [["repeated"], []]
+
+
+@pytest.mark.parametrize("seconds", [0.05, 0.3, 0.9])
+def test_windows_of_the_fit_s_own_samples_judge_nothing_however_short_they_are(seconds: float) -> None:
+    motion, tau = measured(3, seconds=30.0)
+    whole = run("whole", motion, tau)
+    starts = np.arange(2.0, 28.0, 2.0)
+    pieces = replace(whole, name="pieces").with_windows([(start, start + seconds) for start in starts])
+    found = verdict(identify(ROBOT, [whole], [pieces]), [whole], [pieces])
+    assert [(one.kind, one.held_out) for one in found.common] == [("copied", "pieces")]
+    assert found.common[0].share > 0.99
+    assert "same samples" in found.summary
+    assert not any(one.fit for one in found.uses)
+
+
+def test_a_part_of_the_samples_is_told_and_windows_that_touch_are_apart() -> None:
+    motion, tau = measured(3, seconds=9.0)
+    whole = run("whole", motion, tau)
+    fit, beside = whole.with_windows(((0.0, 5.0),)), whole.with_windows(((5.0, 9.0),))
+    assert common_content([fit], [beside]) == ()
+    [found] = common_content([fit], [whole.with_windows(((4.4, 9.0),))])
+    assert found.kind == "copied"
+    assert found.share == pytest.approx(0.6 / 4.6, abs=0.02)
+    assert "partly that of the fit" in str(found)
+
+
+def test_counts_that_are_coarse_and_repeat_singly_are_no_copy() -> None:
+    def coarse(seed: int) -> Recording:
+        rows = next(iter(one_joint_run("pendulum", seed).source.rows(0, 2000, 2000)))
+        q, tau = np.round(rows.q, 2), np.round(rows.tau)
+        return recording_from_arrays(0.01 * np.arange(2000), q, tau, joint_names=("axis",))
+
+    one, other = coarse(1), coarse(2)
+    singly = [
+        {tuple(row) for row in np.hstack([r.q, r.tau])}
+        for r in (next(iter(x.source.rows(0, 2000, 2000))) for x in (one, other))
+    ]
+    assert len(singly[0] & singly[1]) > 0.05 * len(singly[0])
+    assert SampleHashes.of(one).share_in(SampleHashes.of(other)) < 0.01
+    assert SampleHashes.of(one).share_in(SampleHashes.of(one)) == 1.0
 
 
 def test_another_part_of_the_same_file_is_no_copy() -> None:

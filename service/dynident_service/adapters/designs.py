@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
 from dynident.effects.catalogue import check_shape, joints_of
@@ -21,7 +20,7 @@ from dynident.excitation.nearness import nearest_along
 from dynident.identification.shapes.shapes import check_choices
 from dynident.motion.surroundings.contacts import Nearest
 from dynident.motion.surroundings.obstacles import Wall, block_of
-from dynident.recordings.arrow import as_floats
+from dynident.recordings.arrow import as_floats, csv_of
 from dynident.robot import Robot
 from dynident.robot.shapes import Block
 from dynident.simulation import Reference
@@ -89,10 +88,7 @@ def trajectory_as_csv(path: Path) -> Iterator[bytes]:
     """Give a stored trajectory as CSV, a part at a time."""
     file = pq.ParquetFile(path)
     for index, batch in enumerate(file.iter_batches(ROWS)):
-        sink = pa.BufferOutputStream()
-        options = pacsv.WriteOptions(include_header=index == 0, quoting_style="none", quoting_header="none")
-        pacsv.write_csv(pa.Table.from_batches([batch]), sink, options)
-        yield sink.getvalue().to_pybytes()
+        yield csv_of(pa.Table.from_batches([batch]), header=index == 0)
 
 
 def trajectory_as_samples(path: Path, joints: list[str]) -> wire.TrajectorySamples:

@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
 from dynident.diagnosis import Comparison
 from dynident.diagnosis.series import Series
+from dynident.encoding import encodable, encode_text
 from dynident.errors import DynidentError
 from dynident.excitation import Design, design_table
 from dynident.excitation.formats.ros2 import joint_trajectory
+from dynident.recordings.arrow import csv_of, named_columns
 from dynident.recordings.phases import Phase
 from dynident_service.cli.files import write_whole
 
@@ -36,19 +37,19 @@ def check_ending(path: Path, endings: tuple[str, ...] = ENDINGS) -> None:
 def write_table(table: pa.Table, path: Path) -> None:
     """Write a table in the format that the file's ending names."""
     check_ending(path)
-    sink = pa.BufferOutputStream()
     if path.suffix == ".parquet":
+        sink = pa.BufferOutputStream()
         pq.write_table(table, sink)
+        write_whole(path, sink.getvalue().to_pybytes())
     else:
-        pacsv.write_csv(table, sink, pacsv.WriteOptions(quoting_style="none", quoting_header="none"))
-    write_whole(path, sink.getvalue().to_pybytes())
+        write_whole(path, csv_of(table))
 
 
 def write_trajectory(design: Design, path: Path) -> None:
     """Write a trajectory as a table of t, q_<joint>…, dq_<joint>…, ddq_<joint>…, or as a message for ROS 2."""
     if path.suffix == ".yaml":
         lines = joint_trajectory(design.joint_names, design.t, design.q, design.dq, design.ddq)
-        write_whole(path, "".join(lines).encode())
+        write_whole(path, encode_text("".join(lines)))
     else:
         write_table(design_table(design), path)
 
@@ -66,18 +67,18 @@ def comparison_table(found: Comparison) -> pa.Table:
             columns[f"{signal}_{joint}"] = np.ascontiguousarray(values[:, index])
     for index, joint in enumerate(found.joint_names):
         columns[f"phase_{joint}"] = _PHASES[found.phase[:, index]]
-    return pa.table(columns)
+    return named_columns(columns)
 
 
 def courses_table(found: Series) -> pa.Table:
     """A row a parameter and day: parameter, effect, joint, unit, day, value and the ends of its 95 % interval."""
     rows = [
         {
-            "parameter": course.parameter,
+            "parameter": encodable(course.parameter),
             "effect": course.effect,
-            "joint": course.joint,
+            "joint": encodable(course.joint),
             "unit": course.unit,
-            "day": day,
+            "day": encodable(day),
             "value": float(course.values[k]),
             "lower": float(course.intervals[k, 0]),
             "upper": float(course.intervals[k, 1]),

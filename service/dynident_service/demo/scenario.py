@@ -168,7 +168,7 @@ class Scenario:
         """The ranges of an arm that stands in a cell, and the speed of the course."""
         found = {}
         for joint in self.robot.joints:
-            low, high = joint.limits.position or (-np.pi, np.pi)
+            low, high = joint.reach or (-np.pi, np.pi)
             wide = joint.kind == "revolute" and high - low > 2 * _RANGE
             middle = 0.5 * (low + high)
             speed = joint.limits.velocity

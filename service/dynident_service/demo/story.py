@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from dynident.effects import effect_by_id
+from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.identification import to_bytes
 from dynident.progress import part
@@ -88,7 +89,7 @@ def tell(scenario: Scenario, folder: Path, console: Console) -> Outcome:
     analysis = _analysed(scenario, runs)
     write_whole(folder / "first_model.npz", to_bytes(analysis.first))
     write_whole(folder / "model.npz", to_bytes(analysis.last))
-    write_whole(folder / "report.html", analysis.report.encode())
+    write_whole(folder / "report.html", encode_text(analysis.report))
     outcome = Outcome(scenario, analysis, folder, time.monotonic() - begun)
     telling.findings(console, scenario.robot, analysis)
     telling.envelope(console, scenario, analysis, outcome.named_right, outcome.joints)

@@ -107,7 +107,8 @@ def _described(about: Said, default: Any, sized: bool) -> Any:
     if about.kinds is not None:
         extra |= choices_shown(about.kinds)
     stated: dict[str, Any] = {"description": about.sentence or None, "json_schema_extra": extra or None}
-    stated |= {"min_length": about.fewest, "max_length": about.most} if sized else _range(about)
+    if sized:
+        stated |= {"min_length": about.fewest, "max_length": about.most}
     return wire_field(default=... if default is MISSING else _default(default), **stated)
 
 
@@ -147,13 +148,14 @@ def _on_the_wire(hint: Any, about: Said) -> Any:
     if is_dataclass(hint) and isinstance(hint, type):
         return body_of(hint)
     if origin is tuple and parts[-1] is Ellipsis:
-        item = _on_the_wire(parts[0], about)
-        ranged = any(end is not None for end in _range(about).values())
-        return list[Annotated[item, wire_field(**_range(about))]] if ranged else list[item]  # type: ignore[valid-type]
+        return list[_on_the_wire(parts[0], about)]  # type: ignore[misc]
     if origin is tuple:
         return tuple[tuple(_on_the_wire(one, about) for one in parts)]  # type: ignore[misc]
     if origin in (Union, UnionType):
         return Union[tuple(one if one is NoneType else _on_the_wire(one, about) for one in parts)]  # noqa: UP007
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return dict[parts[0], _on_the_wire(parts[1], about)]  # type: ignore[misc,valid-type]
+    if hint in (int, float):
+        ends = {name: end for name, end in _range(about).items() if end is not None}
+        return Annotated[hint, wire_field(**ends)] if ends else hint  # type: ignore[call-overload]
     return hint

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from dynident.diagnosis import compare
+from dynident.encoding import encode_text
 from dynident.excitation import Design
 from dynident.identification import Identification
 from dynident.progress import part
@@ -53,7 +54,7 @@ def write_report(task: Task) -> Outcome:
             title=choices.name,
             address=str(task.arguments.get("address", "")),
         )
-        content = pdf_of(page) if choices.format == "pdf" else page.encode()
+        content = pdf_of(page) if choices.format == "pdf" else encode_text(page)
     media_type = MEDIA_TYPES[choices.format]
     document = task.keep("content", content, media_type)
     href = f"/v1/reports/{subject.id}/content"

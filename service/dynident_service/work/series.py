@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from dynident.diagnosis.series import Day, Measure, days_to_bytes, free_name, measured, resumed, what_may_change
 from dynident.diagnosis.series import series as series_of
+from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.progress import part
 from dynident.reports.figures.courses import courses_figure
@@ -27,7 +28,7 @@ def follow_robot(task: Task) -> Outcome:
         task.progress(0.5 * (number + 1) / len(request.days), days[-1].name)
     found = series_of(measure, days, part(task.progress, 0.5, 0.95))
     kept = task.keep("days", days_to_bytes(measure, days))
-    drawn = task.keep("figure", str(courses_figure(found)).encode(), "image/svg+xml")
+    drawn = task.keep("figure", encode_text(str(courses_figure(found))), "image/svg+xml")
     return Outcome(plain(describe_series(found)), (kept, drawn))
 
 

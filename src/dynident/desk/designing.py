@@ -12,6 +12,7 @@ from dynident.desk.figure import Figure, check_folder, figure_of
 from dynident.desk.frames import Columns, Framed
 from dynident.desk.recordings import SomeRecordings, as_recordings
 from dynident.effects import EffectChoice
+from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
 from dynident.excitation.formats.files import design_table
@@ -75,7 +76,7 @@ class DesignedMotion(Framed):
         if path.suffix == ".yaml":
             found = self.design
             lines = joint_trajectory(found.joint_names, found.t, found.q, found.dq, found.ddq)
-            path.write_text("".join(lines), encoding="utf-8")
+            path.write_bytes(encode_text("".join(lines)))
         else:
             write_design(self.design, path)
 

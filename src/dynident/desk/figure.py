@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
+from dynident.encoding import encode_text, without_control_characters
 from dynident.errors import DynidentError
 
 _BOX = re.compile(r'viewBox="0 0 ([\d.]+) ([\d.]+)"')
@@ -33,7 +34,7 @@ class Figure:
         if path.suffix != ".svg":
             raise DynidentError(f"cannot write {path.name}; the file's ending has to be .svg", pointer=str(path))
         check_folder(path)
-        path.write_text(self.svg, encoding="utf-8")
+        path.write_bytes(encode_text(self.svg))
 
     def __repr__(self) -> str:
         return f"Figure({self.title}; save(…) writes it as SVG)"
@@ -66,7 +67,8 @@ def figure_of(parts: Sequence[str], title: str, headings: Sequence[str] = ()) ->
         '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
         f'viewBox="{box}" role="img" aria-label="{escape(title, quote=True)}">'
     )
-    return Figure(f'{head}<rect width="100%" height="100%" fill="#ffffff"/>{"".join(placed)}</svg>', title)
+    drawn = f'{head}<rect width="100%" height="100%" fill="#ffffff"/>{"".join(placed)}</svg>'
+    return Figure(without_control_characters(drawn), title)
 
 
 def check_folder(path: Path) -> None:

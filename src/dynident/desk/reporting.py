@@ -12,6 +12,7 @@ from dynident.desk.figure import check_folder
 from dynident.desk.model import Model
 from dynident.desk.validating import Validations
 from dynident.diagnosis import compare
+from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.progress import Progress, part, silent
 from dynident.reports import ReportedRun, ReportedValidation
@@ -44,7 +45,7 @@ class Report:
 
             path.write_bytes(pdf_of(self.html))
         else:
-            path.write_text(self.html, encoding="utf-8")
+            path.write_bytes(encode_text(self.html))
 
     def __repr__(self) -> str:
         return f"Report({self.title}, {len(self.html) // 1000} kB; save(…) writes it as HTML or PDF)"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from dynident.asking import Choice, OneOf, said
+from dynident.asking import LARGEST_SEED, Choice, OneOf, said
 from dynident.effects.choices import DEFAULT_EFFECTS, JOINT_FRICTION, EffectChoice
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.observation.row_names import ROW_MODELS, RowModelName
@@ -37,6 +37,10 @@ SET_KINDS = OneOf(
     Choice("vandanjon", "Vandanjon", "Inertia, centrifugal coupling, inertial coupling, gravity."),
 )
 DEFAULT_STARTS = 4
+_MOST_TIMES = 1_000_000
+_MOST_HARMONICS = 100
+_SLOWEST = 1e-4
+"""Share of a speed: ten thousand times slower, a motion of a second takes hours."""
 
 _SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
 _REVERSAL_SPEEDS = (0.01,)
@@ -53,27 +57,54 @@ class TrajectoryRequest:
         "point-to-point sequence a result",
         default=10.0,
         unit="s",
+        at_least=0.01,
+        at_most=86_400,
     )
-    harmonics: int = said("For fourier: of the fundamental frequency 1 / duration", default=5)
-    intervals: int = said("For b_spline: between its knots; as many free coefficients a joint", default=9)
-    points: int = said("For point_to_point: where the arm comes to rest in a round", default=12)
+    harmonics: int = said(
+        "For fourier: of the fundamental frequency 1 / duration", default=5, at_least=2, at_most=_MOST_HARMONICS
+    )
+    intervals: int = said(
+        "For b_spline: between its knots; as many free coefficients a joint",
+        default=9,
+        at_least=2,
+        at_most=2 * _MOST_HARMONICS,
+    )
+    points: int = said(
+        "For point_to_point: where the arm comes to rest in a round", default=12, at_least=2, at_most=200
+    )
     dwell: tuple[float, float] = said(
-        "For point_to_point: shortest and longest rest in a point, drawn between them", default=(0.0, 0.0), unit="s"
+        "For point_to_point: shortest and longest rest in a point, drawn between them",
+        default=(0.0, 0.0),
+        unit="s",
+        at_least=0,
+        at_most=60,
     )
     sets: str = said("For sequential designs: the test motions (§12.3.4.2)", default="vandanjon", kinds=SET_KINDS)
-    periods: int = said("How often the period (the set of strokes) is repeated", default=1)
-    sampling_rate: float = said("Sampling rate", default=100.0, unit="Hz", option="--rate")
+    periods: int = said(
+        "How often the period (the set of strokes) is repeated", default=1, at_least=1, at_most=_MOST_TIMES
+    )
+    sampling_rate: float = said(
+        "Sampling rate", default=100.0, unit="Hz", option="--rate", at_least=0.1, at_most=100_000
+    )
     speeds: tuple[float, ...] | None = said(
-        "For constant velocity and reversals: shares of each joint's velocity limit", default=None
+        "For constant velocity and reversals: shares of each joint's velocity limit",
+        default=None,
+        fewest=1,
+        at_least=_SLOWEST,
+        at_most=1,
     )
     amplitudes: tuple[float, ...] | None = said(
-        "For reversals: how far back and forth", default=None, unit="rad or m", fewest=1
+        "For reversals: how far back and forth", default=None, unit="rad or m", fewest=1, at_least=1e-6, at_most=1000
     )
     joints: tuple[str, ...] = said(
         "Those that move, the others locked at home; all where empty", default=(), option="--joint"
     )
     paces: tuple[float, ...] = said(
-        "For fourier and b_spline: the same path at each of these shares of its speed", default=(1.0,), fewest=1
+        "For fourier and b_spline: the same path at each of these shares of its speed",
+        default=(1.0,),
+        fewest=1,
+        at_least=_SLOWEST,
+        at_most=1,
     )
 
 
@@ -92,15 +123,32 @@ class DesignRequest:
     trajectory: TrajectoryRequest = said(made_by=TrajectoryRequest)
     limits: Mapping[str, Limits] = said("By joint; tighter ones, for this experiment", made_by=dict, option="-")
     home: tuple[float, ...] | None = said("Posture where it begins and ends", default=None, unit="rad or m")
-    time_budget: float | None = said("Time of the optimisation; the best so far is taken", default=None, unit="s")
-    starts: int | None = said("Starts of the optimisation; as many as the time allows, or 4", default=None)
-    random_trajectories: int = said("How many random ones stand beside the result", default=100)
-    seed: int = said("The same seed gives the same result", default=0)
+    time_budget: float | None = said(
+        "Time of the optimisation; the best so far is taken",
+        default=None,
+        unit="s",
+        above=0,
+        at_most=604_800,
+    )
+    starts: int | None = said(
+        "Starts of the optimisation; as many as the time allows, or 4", default=None, at_least=1, at_most=_MOST_TIMES
+    )
+    random_trajectories: int = said(
+        "How many random ones stand beside the result", default=100, at_least=1, at_most=_MOST_TIMES
+    )
+    seed: int = said("The same seed gives the same result", default=0, at_least=0, at_most=LARGEST_SEED)
     noise: Mapping[str, float] = said(
-        "By joint: standard deviation of a sample of its torque", made_by=dict, unit="N m or N"
+        "By joint: standard deviation of a sample of its torque",
+        made_by=dict,
+        unit="N m or N",
+        at_least=1e-9,
+        at_most=1e9,
     )
     torque_margin: float = said(
-        "Share by which the torque may be larger than predicted: its limits leave room for that", default=0.0
+        "Share by which the torque may be larger than predicted: its limits leave room for that",
+        default=0.0,
+        at_least=0,
+        at_most=100,
     )
     surroundings: Surroundings = said("What the robot must not touch", made_by=Surroundings, option="-")
     model: RowModelName = said("Rows that the criterion is computed from", default="dynamic", kinds=OneOf(*ROW_MODELS))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
+from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.export.c_code import c_name, to_c
 from dynident.export.casadi_function import casadi_bytes
@@ -44,7 +45,7 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
 
 
 def _json(identification: Identification, nearest: bool) -> ExportedFile:
-    content = to_json(identification).encode()
+    content = encode_text(to_json(identification))
     return ExportedFile(f"{slug(identification.model.robot.name)}.json", "application/json", content)
 
 
@@ -57,7 +58,7 @@ def _mjcf(identification: Identification, nearest: bool) -> ExportedFile:
 
 
 def _c(identification: Identification, nearest: bool) -> ExportedFile:
-    return ExportedFile(f"{c_name(identification)}.c", "text/x-c", to_c(identification).encode())
+    return ExportedFile(f"{c_name(identification)}.c", "text/x-c", encode_text(to_c(identification)))
 
 
 def _casadi(identification: Identification, nearest: bool) -> ExportedFile:

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from dynident.arrays import FloatArray
 from dynident.effects import Role, role_of
+from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.export.exported import SMALL, ExportedFile, Links
 from dynident.export.names import in_xml_comment, printable, slug
@@ -86,7 +87,7 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
     lines = [f"Identified model, {origin()}.", *identification_lines(identification), SIGNS, *links.notes]
     comment = "\n".join(f"  {in_xml_comment(line)}" for line in lines)
     text = f'<?xml version="1.0"?>\n<!--\n{comment}\n-->\n{write(root, indent=True)}'
-    return ExportedFile(f"{slug(robot.name)}.xml", "application/xml", text.encode(errors="replace"), links.notes)
+    return ExportedFile(f"{slug(robot.name)}.xml", "application/xml", encode_text(text), links.notes)
 
 
 def _body(joint: Joint, name: str) -> Element:

@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from dynident.arrays import FloatArray
 from dynident.effects import Role
+from dynident.encoding import encode_text
 from dynident.export.exported import ExportedFile, Links
 from dynident.export.names import in_xml_comment, slug
 from dynident.export.summary import SIGNS, identification_lines, origin
@@ -53,7 +54,7 @@ def to_urdf(identification: Identification, *, nearest: bool = False) -> Exporte
         tree.set_drive(joint.name, links.standard.viscous[j], links.standard.coulomb[j], links.standard.rotors[j])
     tree.fix_locked_joints()
     tree.comment([f"Identified model, {origin()}.", *identification_lines(identification), SIGNS, *notes])
-    return ExportedFile(f"{slug(robot.name)}.urdf", "application/xml", tree.text().encode(errors="replace"), notes)
+    return ExportedFile(f"{slug(robot.name)}.urdf", "application/xml", encode_text(tree.text()), notes)
 
 
 def _notes(links: Links) -> list[str]:

@@ -87,16 +87,26 @@ class IdentificationChoices:
         "Joints whose links the prior is not believed of, such as a loaded one", default=(), most=100
     )
     prior_error: float = said(
-        "Share by which the description's inertias are usually off", default=USUAL_SHARE, above=0, at_most=10
+        "Share by which the description's inertias are usually off", default=USUAL_SHARE, at_least=1e-6, at_most=10
     )
     pole: float | None = said(
-        "a of the filtered model's F(s) = a²/(s + a)²; from the data if left out", default=None, unit="rad/s", above=0
+        "a of the filtered model's F(s) = a²/(s + a)²; from the data if left out",
+        default=None,
+        unit="rad/s",
+        at_least=1e-3,
+        at_most=1e6,
     )
     interval: float | None = said(
-        "Time that an equation of the energy model spans; from the data if left out", default=None, unit="s", above=0
+        "Time that an equation of the energy model spans; from the data if left out",
+        default=None,
+        unit="s",
+        at_least=1e-6,
+        at_most=86_400,
     )
     preprocessing: Preprocessing | None = said("Filters; from the data if left out", default=None, option="-")
-    tolerance: float = said("Which columns count as dependent", made_by=_tolerance, option="-")
+    tolerance: float = said(
+        "Which columns count as dependent", made_by=_tolerance, option="-", at_least=1e-15, at_most=0.1
+    )
     covariance: CovarianceName = said(
         "What of the residuals is taken to be correlated: all joints' over stretches of time, each joint's over time, "
         "or nothing",
@@ -115,8 +125,8 @@ class IdentificationChoices:
         _known("estimator", name_of(self.estimator), AVAILABLE_ESTIMATORS)
         _known("covariance", self.covariance, AVAILABLE_COVARIANCES)
         _known("steps", self.steps, STEPS.names)
+        check_ranges(self)
         if not isinstance(self.estimator, str):
-            check_ranges(self.estimator, "/estimator")
             object.__setattr__(self, "estimator", self.estimator.asked)
         if self.prior is not None:
             _known("prior", self.prior, AVAILABLE_PRIORS)

@@ -24,7 +24,7 @@ def recorded_joints(robot: Robot) -> RecordedJoints:
     """What the columns of a robot's recordings are of."""
     return RecordedJoints(
         robot.joint_names,
-        limits=[JointLimits(j.kind, j.limits.position, j.limits.velocity, j.limits.effort) for j in robot.joints],
+        limits=[JointLimits(j.kind, j.reach, j.limits.velocity, j.limits.effort) for j in robot.joints],
         gains=[drive.gain for drive in robot.drives],
         coupling=coupling_matrix(robot),
     )

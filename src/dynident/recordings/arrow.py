@@ -6,18 +6,54 @@ process that reads a recording.
 
 from __future__ import annotations
 
+import csv
+import io
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray
+from dynident.encoding import encodable
 
 READ_BYTES = 1 << 16
 _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
+
+
+def csv_of(table: pa.Table, *, header: bool = True) -> bytes:
+    """Write a table as CSV (RFC 4180): names and texts are quoted where they have to be."""
+    try:
+        rows = _csv_rows(table, "none")
+    except pa.ArrowInvalid:
+        # A text has a comma, a quote or a line break in it: then all texts are quoted.
+        rows = _csv_rows(table, "needed")
+    return header_row(table.column_names) + rows if header else rows
+
+
+def header_row(names: Sequence[str]) -> bytes:
+    """Write names as the first row of a CSV file."""
+    row = io.StringIO(newline="")
+    # A name with either of these characters is quoted; the rows of numbers end as Arrow and numpy end them.
+    csv.writer(row, lineterminator="\r\n").writerow(names)
+    return row.getvalue().removesuffix("\r\n").encode() + b"\n"
+
+
+def _csv_rows(table: pa.Table, quoting: Literal["none", "needed"]) -> bytes:
+    sink = pa.BufferOutputStream()
+    pacsv.write_csv(table, sink, pacsv.WriteOptions(include_header=False, quoting_style=quoting))
+    return bytes(sink.getvalue())
+
+
+def named_columns(columns: Mapping[str, NDArray[np.generic]]) -> pa.Table:
+    """Make a table of arrays (m,), whatever is in their names."""
+    made = [pa.array(one) if one.dtype.kind == "U" else from_numbers(one) for one in columns.values()]
+    return pa.table(made, names=[encodable(name) for name in columns])
 
 
 def streamed_parquet(path: Path) -> pq.ParquetFile:

@@ -8,6 +8,7 @@ from math import floor, log10
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from scipy import special
 
 from dynident.arrays import FloatArray
 from dynident.recordings.preprocessing import Preprocessing, values_from_request
@@ -37,6 +38,16 @@ NYQUIST_SHARE = 0.7
 
 OVERSAMPLING = 4.0
 """Rows are decimated to no less than so many times the torque cut-off."""
+
+SUNK = 3.0
+"""Times the noise below which nothing of the motion is left at a frequency."""
+
+LINES_APART = 3.0
+"""Two harmonics of a periodic motion may be missing between two that are there."""
+
+CREEPING = 1e-2
+"""A joint whose velocity is below this share of the fastest joint's may vibrate more than it moves: what lies beyond a
+gap in its spectrum is no line of the motion."""
 
 MOVING = 1e-3
 """A joint whose velocity is below this share of the fastest joint's does not count."""
@@ -190,8 +201,11 @@ def _bands(found: Spectra) -> _Bands:
     little: list[float] = []
     power = np.maximum(found.velocity - noise, 0.0)
     moving = np.flatnonzero(power.sum(axis=0) > MOVING**2 * power.sum(axis=0).max())
+    reach = LINES_APART * float(found.frequency[3:][int(np.argmax(power[3:].sum(axis=1)))])
+    slow = power[found.frequency <= reach].sum(axis=0)
     for joint in moving:
-        band = _band(found.velocity[:, joint], noise[:, joint])
+        own_reach = reach if slow[joint] > CREEPING**2 * slow.max() else 0.0
+        band = _band(found.frequency, found.velocity[:, joint], noise[:, joint], found.windows, own_reach)
         if power[:band, joint].sum() <= 0.0:
             continue
         below = np.cumsum(power[:band, joint]) / power[:band, joint].sum()
@@ -207,14 +221,35 @@ def _bands(found: Spectra) -> _Bands:
             pointer="/preprocessing",
             title="No motion",
         )
-    band, noise_at = (max(float(np.median(frequencies)), step) for frequencies in (motion, limit))
-    return _Bands(band, noise_at, float(np.median(rms)), float(np.median(little)))
+    band, noise_at, little_at = (max(float(np.median(frequencies)), step) for frequencies in (motion, limit, little))
+    return _Bands(band, noise_at, float(np.median(rms)), little_at)
 
 
-def _band(power: FloatArray, noise: FloatArray) -> int:
-    """Give the number of frequencies from 0 on, up to the first at which the motion sinks into the noise."""
-    sunk = np.flatnonzero(power[3:] < 3.0 * noise[3:])
-    return int(sunk[0]) + 3 if len(sunk) else len(power)
+def _band(frequency: FloatArray, power: FloatArray, noise: FloatArray, windows: int, reach: float) -> int:
+    """Give the number of frequencies from 0 on, up to where the motion sinks into the noise and does not rise again.
+
+    A periodic motion is a row of lines a base frequency apart, with noise between them and below the first. A gap is
+    therefore crossed where the lines within `reach` (Hz), `LINES_APART` times the frequency of the strongest one, which
+    is the base frequency or a multiple of it, hold a share of the power that counts. Vibrations and mains hum lie
+    farther from the motion, or hold less.
+    """
+    first = 3
+    sunk = first + np.flatnonzero(power[first:] < SUNK * noise[first:])
+    # A mean of so many squared normal pairs exceeds this in one of 10⁵ frequencies of noise alone.
+    bar = max(SUNK, float(special.gammainccinv(windows, 1e-5)) / windows)
+    risen = first + np.flatnonzero(power[first:] > bar * noise[first:])
+    if not len(sunk) or not len(risen):
+        return int(sunk[0]) if len(sunk) else len(power)
+    own = power - noise
+    end = int(sunk[0])
+    while True:
+        lines = risen[(risen > end) & (frequency[risen] <= frequency[end] + reach)]
+        if own[lines].sum() <= (1.0 - MOTION_SHARE) * max(own[:end].sum(), 0.0) or not len(lines):
+            return end
+        after = int(np.searchsorted(sunk, lines[0]))
+        if after == len(sunk):
+            return len(power)
+        end = int(sunk[after])
 
 
 def _rounded(value: float) -> float:

@@ -23,7 +23,7 @@ class Spectra:
     """One-sided power spectral densities at `frequency` (k,) in Hz, one column a joint (k, n), windows' rows only.
 
     `velocity`: of q̇ [(rad/s)²/Hz]; `noise` (n,): the floor of q [rad²/Hz], white, seen at the highest frequencies;
-    `torque`: of τ [(N m)²/Hz].
+    `torque`: of τ [(N m)²/Hz]. They are means over `windows` stretches.
     """
 
     frequency: FloatArray
@@ -31,6 +31,7 @@ class Spectra:
     noise: FloatArray
     torque: FloatArray
     rate: float
+    windows: int
 
     @property
     def velocity_gain(self) -> FloatArray:
@@ -77,7 +78,7 @@ def spectra(recording: Recording) -> Spectra:
     # Median over mean of a chi-squared density, of two degrees of freedom for every window.
     bias = float(special.gammaincinv(len(starts), 0.5)) / len(starts)
     noise = np.median(velocity[high] / gain[high, None], axis=0) / bias
-    return Spectra(frequency, velocity, noise, torque, recording.sampling_rate)
+    return Spectra(frequency, velocity, noise, torque, recording.sampling_rate, len(starts))
 
 
 def used_runs(recording: Recording) -> Sequence[tuple[int, int]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from math import isfinite
 from typing import Any, Literal, TypedDict, get_args
 
-from dynident.asking import Choice, OneOf, anew, said
+from dynident.asking import Choice, OneOf, anew, check_ranges, said
 from dynident.errors import DynidentError
 
 Windows = tuple[tuple[float, float], ...]
@@ -87,7 +87,7 @@ class RecordingMetadata:
     )
     windows: Windows = said("Seconds of t to use, [from, to]; [] for all", default=())
     payload: Mapping[str, Any] | None = said('The known load: {"mass": kg, "centre": [x, y, z] in m}', default=None)
-    torque_delay: float = said("Seconds by which the file's torque is late", default=0.0)
+    torque_delay: float = said("Seconds by which the file's torque is late", default=0.0, at_least=-1, at_most=1)
     accept: tuple[str, ...] = said("Names of checks whose errors are to count as warnings", default=())
     skip: tuple[ConditioningStep, ...] = said(
         "Steps of conditioning that are not taken: what looks held, switched off, corrupted or wrapped is right",
@@ -126,10 +126,10 @@ class RecordingMetadata:
                 f"{', '.join(get_args(ConditioningStep))}.",
                 "/skip",
             )
-        if not abs(self.torque_delay) <= 1.0:
-            raise _unusable(
-                f"torque_delay is {self.torque_delay} s; give a number of seconds between -1 and 1.", "/torque_delay"
-            )
+        try:
+            check_ranges(self)
+        except DynidentError as error:
+            raise _unusable(error.detail, error.pointer) from None
         for name, pairs in (("windows", self.windows), ("exclude", self.exclude)):
             for index, (start, end) in enumerate(pairs):
                 if not (isfinite(start) and isfinite(end) and start < end):
@@ -153,12 +153,18 @@ _BY_KEY = ("columns", "units", "permutation", "signs", "scale")
 class PreprocessingChoices:
     """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
 
-    position_cutoff: float | Literal["auto"] | None = said("Of the filter of the positions", default="auto", unit="Hz")
-    torque_cutoff: float | Literal["auto"] | None = said(
-        "Of the filter of torque and columns", default="auto", unit="Hz"
+    position_cutoff: float | Literal["auto"] | None = said(
+        "Of the filter of the positions", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
     )
-    decimation: int | Literal["auto"] = said("Every how many-th row is kept", default="auto")
-    filter_order: int | Literal["auto"] = said("Of one pass of the filter of the positions", default="auto")
+    torque_cutoff: float | Literal["auto"] | None = said(
+        "Of the filter of torque and columns", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
+    )
+    decimation: int | Literal["auto"] = said(
+        "Every how many-th row is kept", default="auto", at_least=1, at_most=1_000_000
+    )
+    filter_order: int | Literal["auto"] = said(
+        "Of one pass of the filter of the positions", default="auto", at_least=1, at_most=12
+    )
 
 
 @dataclass(frozen=True)

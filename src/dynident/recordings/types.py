@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
+from dynident.encoding import encodable
 from dynident.errors import DynidentError
 from dynident.recordings.stated import Windows
 
@@ -202,6 +203,11 @@ class Recording:
     path: Path | None = None
     has_wrench: bool = False
     has_command: bool = False
+
+    def __post_init__(self) -> None:
+        # The name of its file may be no UTF-8, and Arrow and matplotlib take no text that has no encoding.
+        object.__setattr__(self, "name", encodable(self.name))
+        object.__setattr__(self, "joint_names", tuple(encodable(name) for name in self.joint_names))
 
     def __repr__(self) -> str:
         runs = f" in {len(self.segments)} runs" if len(self.segments) > 1 else ""

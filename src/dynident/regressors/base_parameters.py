@@ -157,7 +157,7 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0) -
     low, high = np.full(n, -np.pi), np.full(n, np.pi)
     for j, joint in enumerate(robot.joints):
         if joint.kind == "prismatic":
-            low[j], high[j] = joint.limits.position or (-1.0, 1.0)
+            low[j], high[j] = joint.reach or (-1.0, 1.0)
     closure = None if robot.linkage is None else robot.linkage.closure
     q = rng.uniform(low, high, (n_states, n)) if closure is None else closure.postures(rng, n_states)
     dq, ddq = rng.uniform(-2, 2, (n_states, n)), rng.uniform(-5, 5, (n_states, n))

@@ -219,8 +219,7 @@ def _closure(
     start = np.array([cuts.starts.get(joint.name, 0.0) for joint in free])
     reach = {"revolute": math.pi, "prismatic": 1.0}
     bounds = [
-        joint.limits.position or (at - reach[joint.kind], at + reach[joint.kind])
-        for joint, at in zip(free, start, strict=True)
+        joint.reach or (at - reach[joint.kind], at + reach[joint.kind]) for joint, at in zip(free, start, strict=True)
     ]
     for place, (low, high) in enumerate(bounds[: len(driven)]):
         if free[place].name not in cuts.starts and not low <= 0.0 <= high:

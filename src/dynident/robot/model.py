@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
@@ -10,6 +11,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.descriptions import DescriptionFormat
+from dynident.encoding import encodable
 from dynident.html import block, paragraph, table
 from dynident.robot.stated import Drive, Limits
 
@@ -20,6 +22,9 @@ INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """The inertial parameters of a link in the order of [12.1], about the origin of the joint's own frame."""
 
 JointKind = Literal["revolute", "prismatic"]
+
+WIDEST_RANGE = {"revolute": 20 * math.pi, "prismatic": 1000.0}
+"""Widest range of positions, rad or m, that counts as a limit: the last joint of some arms makes a few turns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +43,22 @@ class Joint:
     axis: FloatArray
     limits: Limits = field(default_factory=Limits)
     link: str = ""
+
+    def __post_init__(self) -> None:
+        # Pinocchio, Arrow and matplotlib take no text that has no encoding.
+        object.__setattr__(self, "name", encodable(self.name))
+        object.__setattr__(self, "link", encodable(self.link))
+
+    @property
+    def reach(self) -> tuple[float, float] | None:
+        """Lowest and highest position in rad or m; `None` where no limit is known, or it limits nothing."""
+        return None if self.has_limitless_range else self.limits.position
+
+    @property
+    def has_limitless_range(self) -> bool:
+        """Whether the stated positions are wider than those of any machine, as some write continuous joints."""
+        position = self.limits.position
+        return position is not None and not position[1] - position[0] <= WIDEST_RANGE[self.kind]
 
     @property
     def effort_unit(self) -> str:
@@ -73,6 +94,9 @@ class Robot:
     inertias: FloatArray | None = None
     locked_joints: Mapping[str, float] = field(default_factory=dict)
     linkage: Linkage | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", encodable(self.name))
 
     def __repr__(self) -> str:
         gains = sum(drive.gain is not None for drive in self.drives)

@@ -308,7 +308,11 @@ def _about_origin(value: object, at: str) -> FloatArray:
     center = np.array(expect_numbers(given["center_of_mass"], 3, f"{at}/center_of_mass", TITLE))
     xx, xy, xz, yy, yz, zz = expect_numbers(given["inertia"], 6, f"{at}/inertia", TITLE)
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return inertial_parameters(pin.Inertia(mass, center, tensor).toDynamicParameters())
+    try:
+        return inertial_parameters(pin.Inertia(mass, center, tensor).toDynamicParameters())
+    except RuntimeError:
+        detail = "No body has this inertia: its eigenvalues must not be negative."
+        raise DynidentError(detail, pointer=f"{at}/inertia", title=TITLE) from None
 
 
 def _model(name: str, rows: Sequence[Row]) -> pin.Model:

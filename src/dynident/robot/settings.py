@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from dynident.arrays import FloatArray
+from dynident.asking import said_of
 from dynident.errors import DynidentError
 from dynident.robot.pointers import listed, pointer
 from dynident.robot.stated import Drive, Limits
@@ -68,22 +69,29 @@ def check_limits(limits: Limits, joint: str, at: str) -> None:
             )
     for item in fields(limits):
         value = getattr(limits, item.name)
-        if item.name != "position" and value is not None and not (math.isfinite(value) and value > 0):
+        if item.name != "position" and value is not None and not said_of(item).admits(value):
             raise DynidentError(
-                f"The {item.name} limit of joint '{joint}' is {value}; expected a positive number.",
+                f"The {item.name} limit of joint '{joint}' is {value}; expected a positive number, "
+                f"{said_of(item).range}.",
                 pointer=pointer(item.name, within=at),
                 title=TITLE,
             )
 
 
 def merged_limits(described: Limits, stated: Limits | None) -> Limits:
-    """Return the stated limits, completed by the described ones."""
-    if stated is None:
-        return described
-    values = {
-        item.name: getattr(described if getattr(stated, item.name) is None else stated, item.name)
-        for item in fields(Limits)
-    }
+    """Return the stated limits, completed by the described ones.
+
+    Descriptions write numbers that no machine has where nothing is limited: these count as not known.
+    """
+    values = {}
+    for item in fields(Limits):
+        value = None if stated is None else getattr(stated, item.name)
+        if value is None:
+            value = getattr(described, item.name)
+            ends = value if isinstance(value, tuple) else () if value is None else (value,)
+            if not all(said_of(item).admits(end) for end in ends):
+                value = None
+        values[item.name] = value
     return Limits(**values)
 
 

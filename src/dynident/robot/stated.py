@@ -7,17 +7,20 @@ from dataclasses import dataclass
 
 from dynident.asking import said
 
+SMALLEST, LARGEST = 1e-6, 1e9
+"""In SI units: a limit below keeps a joint still, one above limits no machine."""
+
 
 @dataclass(frozen=True)
 class Limits:
     """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W. `None` where none is known."""
 
     position: tuple[float, float] | None = said("Lowest and highest, rad or m", default=None)
-    velocity: float | None = said("rad/s or m/s", default=None)
-    acceleration: float | None = said("rad/s² or m/s²", default=None)
-    jerk: float | None = said("rad/s³ or m/s³", default=None)
-    effort: float | None = said("N m or N", default=None)
-    power: float | None = said("Of torque times velocity", default=None, unit="W")
+    velocity: float | None = said("rad/s or m/s", default=None, at_least=SMALLEST, at_most=LARGEST)
+    acceleration: float | None = said("rad/s² or m/s²", default=None, at_least=SMALLEST, at_most=LARGEST)
+    jerk: float | None = said("rad/s³ or m/s³", default=None, at_least=SMALLEST, at_most=LARGEST)
+    effort: float | None = said("N m or N", default=None, at_least=SMALLEST, at_most=LARGEST)
+    power: float | None = said("Of torque times velocity", default=None, unit="W", at_least=SMALLEST, at_most=LARGEST)
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,8 @@ def robot_from_urdf(
     name, text : str
         Name of the robot; the URDF.
     limits : mapping of joint name to Limits
-        They win over the URDF's, field by field. Zero limits in the URDF count as not stated.
+        They win over the URDF's, field by field. In the URDF limits of zero, and larger ones than any machine has,
+        count as not stated.
     drives, locked_joints, gravity
         Drive chains by joint; positions (rad, m) to lock joints at; gravity (m/s², base frame), else (0, 0, -9.81).
     rounding_tolerance : float

@@ -14,6 +14,8 @@ TITLE = "Unusable URDF"
 MOVING = ("revolute", "continuous", "prismatic")
 MOST_LINKS = 2000
 """Links, fixed ones included: Pinocchio walks the tree by recursion, and a stack has an end."""
+_SHORTEST_AXIS = 1e-6
+"""Of an axis, and the inverse of the longest: beyond, the direction is lost in rounding."""
 _ABSENT = {"floating", "planar", "ball", "spherical"}
 
 
@@ -194,8 +196,10 @@ def _reduced_joint(name: str, joint: Element, fail: _Fail) -> Element:
         return reduced
     axis = joint.first("axis")
     if axis is not None:
-        if not any(_numbers(axis, "xyz", owner, fail)):
-            raise fail(f"The axis of {owner} has no direction (xyz is zero).", axis.line)
+        length = math.hypot(*_numbers(axis, "xyz", owner, fail))
+        if not _SHORTEST_AXIS < length < 1.0 / _SHORTEST_AXIS:
+            detail = f"The axis of {owner} has no direction (xyz is {length:.3g} long; write a unit vector)."
+            raise fail(detail, axis.line)
         reduced.children.append(axis)
     reduced.children.append(_limit(joint, owner, fail))
     return reduced

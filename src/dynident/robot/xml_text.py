@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
+from dynident.encoding import NOT_XML
 from dynident.errors import DynidentError
 from dynident.robot.pointers import check_unicode
 
@@ -145,4 +146,10 @@ def _attributes(element: Element) -> str:
     # Loaded by those who write: it brings along what speaks to the network.
     from xml.sax.saxutils import quoteattr
 
+    for value in element.attributes.values():
+        if NOT_XML.search(value):
+            raise DynidentError(
+                f"XML cannot hold {value!r}: it has control characters. Give the joint, link or robot another name.",
+                title="Unusable name",
+            )
     return "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())

@@ -9,12 +9,11 @@ from typing import Literal
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray
-from dynident.recordings.arrow import from_numbers
+from dynident.recordings.arrow import csv_of, named_columns
 from dynident.robot.model import Robot
 
 
@@ -99,14 +98,14 @@ def measurement_table(measurement: Measurement) -> pa.Table:
         columns |= {f"{name}{j + 1}": values[:, j] for j in range(values.shape[1])}
     if measurement.segment is not None:
         columns["segment"] = measurement.segment
-    return pa.table({name: from_numbers(one) for name, one in columns.items()})
+    return named_columns(columns)
 
 
 def write_measurement(measurement: Measurement, path: Path, file_format: Literal["csv", "parquet"] = "parquet") -> Path:
     """Write a measurement as a file that `dynident.recordings.import_recording` reads."""
     table = measurement_table(measurement)
     if file_format == "csv":
-        pacsv.write_csv(table, path)
+        path.write_bytes(csv_of(table))
     else:
         pq.write_table(table, path)
     return path

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from dynident.asking import Choice, OneOf, said
+from dynident.asking import LARGEST_SEED, Choice, OneOf, said
 from dynident.effects.choices import DEFAULT_EFFECTS, LINKS
 
 if TYPE_CHECKING:
@@ -35,9 +35,9 @@ class ActingEffect:
 class Warming:
     """Joints that warm up with the time t of the session: T = end + (start - end) exp(-t / time_constant)."""
 
-    start: float = said("degC at t = 0", default=20.0)
-    end: float = said("degC in the end", default=45.0)
-    time_constant: float = said("How slowly", default=1200.0, unit="s", above=0)
+    start: float = said("degC at t = 0", default=20.0, at_least=-273, at_most=1000)
+    end: float = said("degC in the end", default=45.0, at_least=-273, at_most=1000)
+    time_constant: float = said("How slowly", default=1200.0, unit="s", at_least=1e-3, at_most=1e9)
 
     def at(self, t: FloatArray) -> FloatArray:
         """Temperature (m,) in degC at times t (m,) in s."""
@@ -54,13 +54,15 @@ class Sensors:
     are torque / drive gain [12.17].
     """
 
-    sampling_rate: float = said(default=1000.0, unit="Hz", above=0, option="-")
-    encoder_counts: int | None = said("Per turn or metre; 0 or null: exact", default=2**19, at_least=0)
-    torque_noise: float = said("Standard deviation, a share of the effort limit", default=0.005, at_least=0)
-    torque_noise_absolute: tuple[float, ...] | None = said(
-        "Per joint, N m or N, instead of it", default=None, at_least=0, most=1000
+    sampling_rate: float = said(default=1000.0, unit="Hz", at_least=0.1, at_most=20_000, option="-")
+    encoder_counts: int | None = said("Per turn or metre; 0 or null: exact", default=2**19, at_least=0, at_most=2**40)
+    torque_noise: float = said(
+        "Standard deviation, a share of the effort limit", default=0.005, at_least=0, at_most=1000
     )
-    jitter: float = said("Standard deviation of the sampling instants", default=0.0, unit="s", at_least=0)
+    torque_noise_absolute: tuple[float, ...] | None = said(
+        "Per joint, N m or N, instead of it", default=None, at_least=0, at_most=1e9, most=1000
+    )
+    jitter: float = said("Standard deviation of the sampling instants", default=0.0, unit="s", at_least=0, at_most=1)
     current: bool = said("Record currents instead of torques; needs drive gains", default=False)
 
 
@@ -69,11 +71,13 @@ class Session:
     """How often a virtual robot moves, with what between, and what is drawn."""
 
     runs: int = said("How often the motion is made: a segment for each", default=1, at_least=1, at_most=100)
-    pause: float = said("Between runs, while the session's time goes on", default=60.0, unit="s", at_least=0)
+    pause: float = said(
+        "Between runs, while the session's time goes on", default=60.0, unit="s", at_least=0, at_most=1e7
+    )
     warming: Warming | None = said(
         "Records the joints' temperature; a usual warming where an effect needs it", default=None, option="-"
     )
-    seed: int = said("Of the noise and of a random motion", default=0, at_least=0)
+    seed: int = said("Of the noise and of a random motion", default=0, at_least=0, at_most=LARGEST_SEED)
 
 
 def usual_effects() -> tuple[ActingEffect, ...]:
@@ -94,7 +98,7 @@ class Simulated(Session):
         "Of the sensors; the trajectory's where not given",
         default=None,
         unit="Hz",
-        above=0,
+        at_least=0.1,
         at_most=20_000,
         option="--rate",
     )

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, fields, make_dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
-from dynident.asking import Choice, check_ranges, retold, said, said_of
+from dynident.asking import LARGEST_SEED, Choice, check_ranges, retold, said, said_of
 from dynident.errors import DynidentError
 from dynident.kinds import Kind
 from dynident.validation.method import Method
@@ -65,7 +65,7 @@ class Trial(Kind):
 class UpToALimit(Trial):
     """A validation that passes where a relative error is not above a limit."""
 
-    limit: float | None = said("Largest relative error that passes, 0.15", default=None, above=0, at_most=10)
+    limit: float | None = said("Largest relative error that passes, 0.15", default=None, at_least=1e-6, at_most=10)
 
     @property
     def largest(self) -> float:
@@ -114,7 +114,7 @@ class InertiaMatrix(Trial):
     of_model_alone = True
     takes_recordings = False
 
-    seed: int = said("Of the postures that are drawn", default=0, at_least=0)
+    seed: int = said("Of the postures that are drawn", default=0, at_least=0, at_most=LARGEST_SEED)
 
     def judge(self, tried: Tried) -> InertiaMatrixValidation:
         """Make it."""
@@ -132,7 +132,7 @@ class Payload(Trial):
     words = "A run with a known load: is the load found?"
 
     mass: float | None = said(
-        "The known mass, where the measurements do not state it", default=None, unit="kg", above=0
+        "The known mass, where the measurements do not state it", default=None, unit="kg", at_least=1e-6, at_most=1e6
     )
 
     def judge(self, tried: Tried) -> list[PayloadValidation]:
@@ -171,7 +171,7 @@ class Simulation(UpToALimit):
     name = "simulation"
     words = "A robot with these parameters makes the recorded motion: does it need the recorded torque?"
 
-    longest: float | None = said("Simulated at most", default=None, unit="s", above=0, at_most=300)
+    longest: float | None = said("Simulated at most", default=None, unit="s", at_least=0.1, at_most=300)
 
     def judge(self, tried: Tried) -> list[SimulationValidation]:
         """Make it on each recording."""
@@ -194,10 +194,10 @@ class Filters(Trial):
     words = "Recordings like these are simulated and identified with many filters: were the right ones chosen?"
 
     cutoffs: tuple[float, ...] | None = said(
-        "Position cut-offs to try", default=None, unit="Hz", above=0, fewest=1, most=20
+        "Position cut-offs to try", default=None, unit="Hz", at_least=1e-4, at_most=1e6, fewest=1, most=20
     )
-    longest: float | None = said("Simulated at most", default=None, unit="s", above=0, at_most=300)
-    seed: int = said("Of the noise that is drawn", default=0, at_least=0)
+    longest: float | None = said("Simulated at most", default=None, unit="s", at_least=0.1, at_most=300)
+    seed: int = said("Of the noise that is drawn", default=0, at_least=0, at_most=LARGEST_SEED)
 
     def judge(self, tried: Tried) -> FiltersBySimulation:
         """Make it on the first recording."""
@@ -225,7 +225,7 @@ class Bootstrap(Trial):
     takes_recordings = False
 
     draws: int | None = said("How often stretches of time are drawn, 999", default=None, at_least=99, at_most=9999)
-    seed: int = said("Of the stretches of time that are drawn", default=0, at_least=0)
+    seed: int = said("Of the stretches of time that are drawn", default=0, at_least=0, at_most=LARGEST_SEED)
 
     def judge(self, tried: Tried) -> BootstrapValidation:
         """Make it."""

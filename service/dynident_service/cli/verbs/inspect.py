@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dynident.encoding import encode_text
 from dynident_service.cli.files import A_ROBOT, TO_READ
 from dynident_service.cli.options import Beside, Json, Out
 
@@ -51,7 +52,7 @@ def inspect(
             metadata.as_proposed(file, found, has_gains=True)
         if out is not None:
             document = json.dumps(metadata.proposed(found), indent=2, ensure_ascii=False)
-            files.write_whole(out, f"{document}\n".encode())
+            files.write_whole(out, encode_text(f"{document}\n"))
     written = () if out is None or found.proposal is None else (f"proposal written to {out}",)
     telling.say(as_json, lambda: _document(found), lambda console: _show(console, found), *written)
 

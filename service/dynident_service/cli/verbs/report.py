@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from dynident.encoding import encode_text
 from dynident.reports.stated import MEDIA_TYPES, ReportChoices
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.options import (
@@ -62,7 +63,7 @@ def report(
         runs = reported_runs(identification, read.given, read.others, part(read.progress, 0.0, 0.5))
         read.progress(0.5, "drawing")
         page = html_report(identification, runs, diagnosis=found, validations=validations, title=choices.name)
-        content = pdf_of(page) if prints else page.encode()
+        content = pdf_of(page) if prints else encode_text(page)
     files.write_whole(out, content)
     document = {"path": str(out), "size": len(content), "media_type": MEDIA_TYPES[choices.format]}
     written = f"report written to {out} ({len(content) / 1e6:.2f} MB)"

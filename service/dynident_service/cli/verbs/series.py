@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dynident.encoding import encode_text
 from dynident_service.cli.files import TO_READ
 from dynident_service.cli.options import Json, ModelArgument, Reading, of_file
 
@@ -53,7 +54,7 @@ def series(
     if keep is not None:
         files.write_whole(keep, days_to_bytes(measure, measured))
     if figure is not None:
-        files.write_whole(figure, str(courses_figure(found)).encode())
+        files.write_whole(figure, encode_text(str(courses_figure(found))))
     if out is not None:
         tables.write_table(tables.courses_table(found), out)
     told = ((keep, f"{len(measured)} days kept in"), (figure, "drawn in"), (out, "courses written to"))

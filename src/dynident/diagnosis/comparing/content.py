@@ -10,6 +10,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.repetition import Repeat, repeats_between, share_repeated, tracks_of
+from dynident.diagnosis.comparing.sample_hashes import SampleHashes
 from dynident.recordings import Recording
 from dynident.recordings.spectra import used_runs
 
@@ -21,6 +22,10 @@ which they are as well. Other runs of one motion have up to 0.963, periods of a 
 
 MOSTLY = 0.5
 """Share of the moving time of held-out data from which on what they have in common decides what they show."""
+
+SHARED = 0.01
+"""Share of the moving samples of held-out data that may be of the fit, too: windows that touch share their ends. With
+more of them the held-out error is not that of data that no parameter saw."""
 
 _FAST, _SLOW = 0.04, 0.3
 _STEP = 0.01
@@ -39,9 +44,10 @@ class Common:
 
     def __str__(self) -> str:
         if self.kind == "copied":
+            says = "that of the fit" if self.share >= MOSTLY else "partly that of the fit"
             return (
                 f"{self.held_out} holds the same samples as {self.fitted}, which the model was fitted to "
-                f"({self.share:.0%} of its motion): the held-out error is that of the fit. "
+                f"({self.share:.0%} of its motion): the held-out error is {says}. "
                 "Give a recording that was made apart."
             )
         return (
@@ -53,13 +59,22 @@ class Common:
 def common_content(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> tuple[Common, ...]:
     """What each held-out recording has in common with those of the fit, as far as it decides what they show.
 
+    The same samples are found however short the windows are; the same motion, and samples that were filtered or sampled
+    anew, in what lasts a second or more.
+
     Only what lies inside the windows counts: another part of the same file is another recording.
     """
-    known = [(other, tracks_of(other)) for other in fitted]
+    if not held_out:
+        return ()
+    known = [(other, tracks_of(other), SampleHashes.of(other)) for other in fitted]
     found = []
     for recording in held_out:
-        own = tracks_of(recording)
-        for other, learnt in known:
+        own, samples = tracks_of(recording), SampleHashes.of(recording)
+        for other, learnt, seen in known:
+            shared = samples.share_in(seen)
+            if shared > SHARED:
+                found.append(Common(recording.name, other.name, "copied", shared))
+                continue
             share = share_repeated(own, learnt)
             if share < MOSTLY:
                 continue

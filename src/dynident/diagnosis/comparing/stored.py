@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 from scipy.stats import binned_statistic_2d
 
@@ -23,7 +22,7 @@ from dynident.diagnosis.comparing.spectrum import (
     time_spectrum,
 )
 from dynident.errors import DynidentError
-from dynident.recordings.arrow import as_floats, from_numbers
+from dynident.recordings.arrow import as_floats, named_columns
 from dynident.recordings.phases import Phase
 
 SIGNALS = ("measured", "predicted", "lower", "upper", "residual", "phase", "deviation", "q", "dq", "ddq", "load")
@@ -102,9 +101,7 @@ def write_comparison(found: Comparison, path: Path) -> Path:
         for index, joint in enumerate(found.joint_names):
             columns[f"{signal}_{joint}"] = values[:, index]
     header = {"joint_names": found.joint_names, "units": found.units, "noise": found.noise.tolist()}
-    table = pa.table({name: from_numbers(values) for name, values in columns.items()}).replace_schema_metadata(
-        {METADATA_KEY: json.dumps(header).encode()}
-    )
+    table = named_columns(columns).replace_schema_metadata({METADATA_KEY: json.dumps(header).encode()})
     # Measured numbers hardly ever come twice: dictionaries of them take six times as long, and more room.
     pq.write_table(table, path, row_group_size=ROW_GROUP, use_dictionary=False)
     return path

@@ -18,6 +18,9 @@ _AROUND, _STEPS_A_WIDTH = 0.3, 4
 _STANDS_OUT, _MOST_LINES = 6.0, 2
 """Times what frequencies beside it explain (clean arms reach three), and the most frequencies that are tried."""
 _SOLVABLE = 1e-9
+_LEAST_FELT = 1e-3
+"""Residuals of a joint for one m/s² of gravity: below it, a base that shakes by g moves the torque by less than a
+hundredth of the residual. A link with its mass on a joint's axis feels nothing, or what rounding left."""
 _MOST_ROWS = 6000
 
 
@@ -81,6 +84,8 @@ def _spectrum(
         wave = fft.fft(right, size, axis=0)[shown]
         twice = fft.fft(squares, size, axis=0)[(2 * shown) % size].reshape(-1, 3, 3)
         still = squares.sum(axis=0).reshape(3, 3)
+        if not still.any():
+            continue
         w = np.block([[still + twice.real, -twice.imag], [-twice.imag, still - twice.real]]) / 2.0
         b = np.concatenate([wave.real, -wave.imag], axis=1)[..., None]
         w += _SOLVABLE * np.trace(still) * np.eye(6)
@@ -96,10 +101,12 @@ def _felt(signals: Signals) -> Program:
 def _sensitivities(comparison: Comparison, felt: Program, reference: ReferenceParameters) -> FloatArray:
     """(m, n, 3): torque of every joint for one m/s² of gravity along each axis, over the joint's usual residual.
 
-    Zero where the joint's equation does not tell.
+    Zero where the joint's equation does not tell, and of joints that do not feel gravity.
     """
     values = felt(comparison.q, reference.vector).reshape(len(comparison.q), 3, -1).transpose(0, 2, 1)
-    return np.asarray(values * (comparison.telling * _weights(comparison))[:, :, None])
+    weighted = values * (comparison.telling * _weights(comparison))[:, :, None]
+    feels = np.abs(weighted).max(axis=(0, 2), initial=0.0) >= _LEAST_FELT
+    return np.asarray(weighted * feels[:, None])
 
 
 def _weights(comparison: Comparison) -> FloatArray:

@@ -13,6 +13,7 @@ from dynident.diagnosis.comparing.noise import sensor_noise
 from dynident.diagnosis.residuals.leads import Leads
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, ReferenceParameters, effect_by_id
 from dynident.effects.catalogue import columns_everywhere
+from dynident.encoding import encodable
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification import Identification
@@ -72,6 +73,9 @@ class Day:
     floor: FloatArray
     measure: str
     source: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", encodable(self.name))
 
 
 def what_may_change(identification: Identification, *, with_temperature: bool = False) -> Measure:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
 from typing import TYPE_CHECKING
 
 from dynident.asking import Choice, OneOf, said
@@ -24,6 +23,7 @@ NAMES = OneOf(
     Choice("parameters", "chosen parameters", "The variances of those that are named."),
     Choice("separation", "separation", "Tells effects from the rest of the model and from each other."),
 )
+_SMALLEST = 1e-12
 CRITERIA = NAMES.names
 """Names of the criteria."""
 
@@ -36,7 +36,11 @@ class CriterionChoice:
         "How exciting a motion is (§12.3.4.1)", default="condition_number", kinds=NAMES, option="--criterion"
     )
     weight: float = said(
-        "k1 of [12.13], k2 of [12.14] (in the unit of the smallest singular value)", default=1.0, option="--weight"
+        "k1 of [12.13], k2 of [12.14] (in the unit of the smallest singular value)",
+        default=1.0,
+        option="--weight",
+        at_least=_SMALLEST,
+        at_most=1e12,
     )
     a_priori: Mapping[str, float] = said(
         "|Z| of [12.15] by parameter, else as the robot's description has it; what variances are relative to",
@@ -58,19 +62,15 @@ class CriterionChoice:
 
 
 def check_criterion(choice: CriterionChoice) -> None:
-    """Raise `DynidentError` for a name that is none, or a weight that is not a positive number."""
+    """Raise `DynidentError` for a name that is none, or an a-priori value that nothing can be relative to."""
     if choice.name not in CRITERIA:
         raise DynidentError(
             f"there is no criterion {choice.name!r}; there are: {', '.join(CRITERIA)}",
             pointer="/criterion/name",
             title="Unknown criterion",
         )
-    if not (isfinite(choice.weight) and choice.weight > 0):
-        raise DynidentError(
-            f"the weight of the criterion is {choice.weight}; it must be a positive number", pointer="/criterion/weight"
-        )
     for name, value in choice.a_priori.items():
-        if not (isfinite(value) and value != 0):
+        if abs(value) < _SMALLEST:
             raise DynidentError(
                 f"the a-priori value of {name} is {value}; it must be a number other than zero",
                 pointer="/criterion/a_priori",

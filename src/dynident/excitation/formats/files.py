@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import asdict
 from pathlib import Path
@@ -15,7 +14,7 @@ from dynident.arrays import FloatArray, IntArray
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.values import CriterionValues
 from dynident.excitation.result import Design
-from dynident.recordings.arrow import from_numbers, to_numbers
+from dynident.recordings.arrow import header_row, named_columns, to_numbers
 
 FORMATS = ("csv", "parquet", "json")
 """Formats of a trajectory."""
@@ -32,7 +31,7 @@ def design_table(design: Design) -> pa.Table:
         columns["segment"] = design.segments
     for prefix, values in (("q", design.q), ("dq", design.dq), ("ddq", design.ddq)):
         columns |= {f"{prefix}_{name}": values[:, j] for j, name in enumerate(design.joint_names)}
-    return pa.table({name: from_numbers(values) for name, values in columns.items()})
+    return named_columns(columns)
 
 
 def write_design(design: Design, path: Path) -> None:
@@ -47,8 +46,8 @@ def write_design(design: Design, path: Path) -> None:
     if path.suffix == ".parquet":
         pq.write_table(table, path)
     elif path.suffix == ".csv":
-        with path.open("w", newline="", encoding="utf-8") as stream:
-            csv.writer(stream).writerow(table.column_names)
+        with path.open("wb") as stream:
+            stream.write(header_row(table.column_names))
             values = np.column_stack([to_numbers(column) for column in table.columns])
             # Times are decimal fractions; twelve digits keep positions far below any encoder's step.
             np.savetxt(stream, values, fmt="%.12g", delimiter=",")

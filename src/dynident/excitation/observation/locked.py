@@ -58,8 +58,8 @@ def _observation(model: DesignModel, posture: FloatArray, moving: BoolArray) -> 
     rng = np.random.default_rng(0)
     robot = model.robot
     m = _STATES_PER_COLUMN * len(model.columns) + 20
-    low = [-np.pi if joint.kind == "revolute" else (joint.limits.position or (-1.0, 1.0))[0] for joint in robot.joints]
-    high = [np.pi if joint.kind == "revolute" else (joint.limits.position or (-1.0, 1.0))[1] for joint in robot.joints]
+    low = [-np.pi if joint.kind == "revolute" else (joint.reach or (-1.0, 1.0))[0] for joint in robot.joints]
+    high = [np.pi if joint.kind == "revolute" else (joint.reach or (-1.0, 1.0))[1] for joint in robot.joints]
     q = np.where(moving, rng.uniform(low, high, (m, robot.n)), posture)
     largest = np.array([_VELOCITY, _ACCELERATION, _JERK, _SNAP])[:, None, None]
     dq, ddq, dddq, ddddq = moving * largest * rng.uniform(-1, 1, (4, m, robot.n))

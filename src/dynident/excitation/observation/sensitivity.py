@@ -39,7 +39,7 @@ class ObservationGradient:
             derivatives += [signals.dddq, signals.ddddq]
         self._n_derivatives = len(derivatives)
         state = ca.vertcat(*derivatives, states)
-        entries = ca.substitute(matrix.nz[:], signals.reference, ca.DM(model.reference.vector))
+        entries = ca.substitute(ca.vec(matrix.nz[:]), signals.reference, ca.DM(model.reference.vector))
         entries = ca.substitute(entries, signals.period, JUMP_TIME)
         runs = signals.run_symbols
         entries = ca.substitute(entries, runs, ca.DM.ones(runs.numel())) if runs.numel() else entries

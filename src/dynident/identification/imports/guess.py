@@ -271,7 +271,7 @@ class _Guesser:
                 assert turned is not None
                 guess = turned
             else:
-                guess = of_units.stroke_unit(q[:, index], joint.limits.position, units[index])
+                guess = of_units.stroke_unit(q[:, index], joint.reach, units[index])
             q[:, index] *= of_units.factor_of("q", joint.kind, guess.unit)
             if mixed or index == 0:
                 key = f"q{index + 1}" if mixed else "q"

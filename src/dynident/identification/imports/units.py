@@ -78,7 +78,7 @@ def position_unit(
 def _possible(robot: Robot, turning: Sequence[int], low: FloatArray, high: FloatArray, unit: str) -> bool:
     factor = factor_of("q", "revolute", unit)
     for place, joint in enumerate(turning):
-        limits = robot.joints[joint].limits.position
+        limits = robot.joints[joint].reach
         if factor * (high[place] - low[place]) > MOST_MOTION:
             return False
         if limits is not None and limits[1] > limits[0]:

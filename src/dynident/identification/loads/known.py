@@ -13,10 +13,18 @@ class KnownLoad:
     """The load that drive gains are told by."""
 
     mass: float | None = said(
-        "Mass of the known load, where the measurements do not state it", default=None, unit="kg", above=0
+        "Mass of the known load, where the measurements do not state it",
+        default=None,
+        unit="kg",
+        at_least=1e-6,
+        at_most=1e6,
     )
     centre: tuple[float, float, float] | None = said(
-        "Centre of the known load in the last joint's frame, where known", default=None, unit="m"
+        "Centre of the known load in the last joint's frame, where known",
+        default=None,
+        unit="m",
+        at_least=-100,
+        at_most=100,
     )
 
     def over(self, own: Mapping[str, object] | None) -> Mapping[str, object] | None:

@@ -52,7 +52,7 @@ def joint_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
     ends = []
     for joint in robot.joints:
         turning = joint.kind == "revolute"
-        low, high = joint.limits.position or ((-np.pi, np.pi) if turning else (-1.0, 1.0))
+        low, high = joint.reach or ((-np.pi, np.pi) if turning else (-1.0, 1.0))
         ends.append((max(low, -2 * np.pi), min(high, 2 * np.pi)) if turning else (low, high))
     low, high = np.array(ends, dtype=np.float64).T
     return low, high

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import DynidentError
+from dynident.asking import check_ranges
 from dynident.estimation import (
     CovarianceName,
     Errors,
@@ -98,8 +98,7 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
     EstimationError
         Where the data do not determine the model.
     """
-    if not (np.isfinite(ratio) and ratio > 1):
-        raise DynidentError(f"ratio is {ratio}; give a number above 1, usually 10", pointer="/ratio")
+    check_ranges(EssentialChoices(ratio))
     equations, names = identification.data.equations, [column.name for column in identification.model.kept]
     full = solve(equations, identification.estimate.solution.noise, identification.estimate.solution.known)
     # The test is about many parameters at a time: a covariance from stretches of time alone has not the rank for it.

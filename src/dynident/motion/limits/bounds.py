@@ -13,7 +13,7 @@ from dynident.motion.surroundings.free_space import FreeSpace, free_space_of
 from dynident.motion.surroundings.loop_rooms import LoopRooms, RatedFollowers
 from dynident.motion.surroundings.obstacles import Surroundings, check_surroundings
 from dynident.robot import Limits, Robot
-from dynident.robot.model import Joint
+from dynident.robot.model import WIDEST_RANGE, Joint
 from dynident.robot.pointers import listed, pointer
 from dynident.robot.settings import check_limits
 
@@ -197,12 +197,16 @@ def _too_wide(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
             own, asked = getattr(joint.limits, kind), getattr(wanted, kind)
             if own is not None and asked is not None and asked > own:
                 names.append(f"{kind} {asked:g} of {joint.name} (its own is {own:g})")
-        reach, asked = joint.limits.position, wanted.position
+        reach, asked = joint.reach, wanted.position
         if reach is not None and asked is not None and (asked[0] < reach[0] or asked[1] > reach[1]):
             names.append(f"position {list(asked)} of {joint.name} (its own is [{reach[0]:g}, {reach[1]:g}])")
     if not names:
         return []
     return [f"Limits wider than the robot's own are not followed: {listed(names)}. Change the robot's description."]
+
+
+def _is_limitless(position: tuple[float, float], joint: Joint) -> bool:
+    return replace(joint, limits=Limits(position)).has_limitless_range
 
 
 def _range(limits: Limits) -> tuple[float, float]:
@@ -214,15 +218,17 @@ def _completed(joint: Joint, stated: Limits, assumed: _Assumed, at: str) -> Limi
     """The tighter of the robot's and the stated limits of one joint, with defaults where neither is known."""
     own = joint.limits
     position = _tighter_range(joint, stated, at)
-    if position is None:
+    limitless = joint.has_limitless_range if position is None else _is_limitless(position, joint)
+    if position is None or limitless:
         if joint.kind == "prismatic":
             raise DynidentError(
-                f"Joint '{joint.name}' slides, and its range is not known; state its position limits.",
+                f"Joint '{joint.name}' slides, and its range is not known"
+                f"{': its limits are wider than any machine' if limitless else ''}; state its position limits.",
                 pointer=pointer(joint.name, "position", within=at),
                 title="Missing limit",
             )
         position = (-np.pi, np.pi)
-        assumed.position.append(joint.name)
+        (assumed.limitless if limitless else assumed.position).append(joint.name)
     velocity = _tighter(own.velocity, stated.velocity)
     if velocity is None:
         velocity = _REVOLUTE_VELOCITY if joint.kind == "revolute" else _PRISMATIC_VELOCITY
@@ -244,6 +250,7 @@ class _Assumed:
     """Joints whose limits are guessed, for the notes."""
 
     position: list[str] = field(default_factory=list)
+    limitless: list[str] = field(default_factory=list)
     velocity: list[str] = field(default_factory=list)
     acceleration: list[str] = field(default_factory=list)
     jerk: list[str] = field(default_factory=list)
@@ -263,7 +270,14 @@ class _Assumed:
             ),
             (self.jerk, "jerk", f"{_JERK_PER_ACCELERATION:g}/s x the acceleration limit was assumed"),
         )
-        return [f"No {kind} limit is known for {listed(names)}: {what}." for names, kind, what in written if names]
+        found = [f"No {kind} limit is known for {listed(names)}: {what}." for names, kind, what in written if names]
+        if self.limitless:
+            turns = WIDEST_RANGE["revolute"] / (2 * np.pi)
+            found.append(
+                f"The position limits of {listed(self.limitless)} are wider than {turns:g} turns and count as none: "
+                "the motion stays within ±π rad."
+            )
+        return found
 
 
 def _tighter(own: float | None, stated: float | None) -> float | None:
@@ -272,7 +286,7 @@ def _tighter(own: float | None, stated: float | None) -> float | None:
 
 
 def _tighter_range(joint: Joint, stated: Limits, at: str) -> tuple[float, float] | None:
-    own = joint.limits.position
+    own = joint.reach
     if own is None or stated.position is None:
         return own if stated.position is None else stated.position
     low, high = max(own[0], stated.position[0]), min(own[1], stated.position[1])

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from dynident.asking import said
 
 DEFAULT_CLEARANCE = 0.02
+FARTHEST = 1e4
+"""m: nothing that a robot can touch is farther."""
 Vector = tuple[float, float, float]
 Ends = tuple[float | None, float | None, float | None]
 
@@ -16,8 +18,8 @@ class Box:
     """A box in the base frame."""
 
     name: str = said(fewest=1, most=200)
-    center: Vector = said("Its centre", unit="m")
-    size: Vector = said("Its edges", unit="m")
+    center: Vector = said("Its centre", unit="m", at_least=-FARTHEST, at_most=FARTHEST)
+    size: Vector = said("Its edges", unit="m", above=0, at_most=FARTHEST)
     rpy: Vector = said("Roll, pitch, yaw as in a URDF", default=(0.0, 0.0, 0.0), unit="rad")
 
     @property
@@ -31,7 +33,7 @@ class Wall:
     """A plane that nothing may cross."""
 
     name: str = said(fewest=1, most=200)
-    point: Vector = said("Any point on it, in the base frame", unit="m")
+    point: Vector = said("Any point on it, in the base frame", unit="m", at_least=-FARTHEST, at_most=FARTHEST)
     normal: Vector = said("To the side that is free")
 
 
@@ -39,9 +41,15 @@ class Wall:
 class ToolRange:
     """Where the tool may go, m in the base frame."""
 
-    low: Ends = said("x, y, z; null: no bound", default=(None, None, None))
-    high: Ends = said("x, y, z; null: no bound", default=(None, None, None))
-    point: Vector = said("The tool in the frame of the joint", default=(0.0, 0.0, 0.0), unit="m")
+    low: Ends = said("x, y, z; null: no bound", default=(None, None, None), at_least=-FARTHEST, at_most=FARTHEST)
+    high: Ends = said("x, y, z; null: no bound", default=(None, None, None), at_least=-FARTHEST, at_most=FARTHEST)
+    point: Vector = said(
+        "The tool in the frame of the joint",
+        default=(0.0, 0.0, 0.0),
+        unit="m",
+        at_least=-FARTHEST,
+        at_most=FARTHEST,
+    )
     joint: str | None = said("The joint that carries it; the last one", default=None)
 
 
@@ -53,16 +61,24 @@ class Surroundings:
         "Links must not touch each other, as far as the description has collision geometry", default=True
     )
     floor: float | None = said(
-        "Height of a floor that no link but the base may reach, in the base frame", default=None, unit="m"
+        "Height of a floor that no link but the base may reach, in the base frame",
+        default=None,
+        unit="m",
+        at_least=-FARTHEST,
+        at_most=FARTHEST,
     )
     walls: tuple[Wall, ...] = said(default=(), most=50)
     boxes: tuple[Box, ...] = said(default=(), most=50)
     tool_range: ToolRange | None = said(default=None)
-    clearance: float = said("Distance that is kept to everything", default=DEFAULT_CLEARANCE, unit="m")
+    clearance: float = said(
+        "Distance that is kept to everything", default=DEFAULT_CLEARANCE, unit="m", at_least=1e-3, at_most=10
+    )
     link_radius: float | None = said(
         "Links without collision geometry count as capsules of this radius between the joints' origins",
         default=None,
         unit="m",
+        at_least=1e-4,
+        at_most=100,
     )
     may_touch: tuple[tuple[str, str], ...] = said(
         "Pairs of links (or joints) that are not checked against each other", default=(), most=500

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import get_args
 
+from dynident.encoding import encodable
 from dynident.recordings.formats.tables import CsvFileSource, ParquetFileSource
 from dynident.recordings.formats.telegrams import START, telegram_source
 from dynident.recordings.raw import FileSource
@@ -53,8 +54,12 @@ def open_source(path: Path, file_format: str | None) -> FileSource:
     Raises
     ------
     RecordingError
-        If the file is empty, or not what it is said to be.
+        If the file is empty, or not what it is said to be, or its name is no text.
     """
+    if encodable(str(path)) != str(path):
+        raise RecordingError(
+            f"The file's name {encodable(path.name)!r} is no UTF-8; rename it.", title="Unreadable file"
+        )
     return with_stamps(_open_source(path, file_format))
 
 

@@ -19,6 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser
 
+from dynident.encoding import without_control_characters
+
 AxesGrid = list[list[Axes]]
 """Rows of axes."""
 
@@ -143,7 +145,7 @@ def _inline(text: str, description: str, attributes: str = "") -> Markup:
     rest = re.sub(r' d="([^"]*)"', lambda found: f' d="{_rounded(found[1])}"', rest)
     rest = re.sub(r"font: ([^;\"]*?px) [^;\"]*", r"font: \1 sans-serif", rest)
     rest = re.sub(r"\n\s*", "\n", rest)
-    return Markup(opening + rest)
+    return Markup(without_control_characters(opening + rest))
 
 
 def _rounded(path: str) -> str:

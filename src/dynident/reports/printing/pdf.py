@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib
 import typst
 
+from dynident.encoding import encode_text
 from dynident.reports.printing.elements import parsed
 from dynident.reports.printing.typesetting import typeset
 
@@ -30,7 +31,7 @@ def pdf_of(page: str) -> bytes:
         The file.
     """
     source = f"{_preamble()}\n{typeset(parsed(page))}\n"
-    return typst.compile(source.encode(), font_paths=_fonts(), format="pdf")
+    return typst.compile(encode_text(source), font_paths=_fonts(), format="pdf")
 
 
 @lru_cache(maxsize=1)

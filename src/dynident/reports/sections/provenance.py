@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from hashlib import sha256
 from importlib.metadata import version
 
+from dynident.encoding import encode_text
 from dynident.identification import Identification
 from dynident.reports.commands import commands, metadata_files
 from dynident.reports.run import ReportedRun
@@ -34,7 +35,7 @@ def provenance_section(
 ) -> Section:
     """How to get the same again."""
     robot = identification.model.robot
-    digest = sha256(robot.description.content.encode()).hexdigest()
+    digest = sha256(encode_text(robot.description.content)).hexdigest()
     facts = (
         ("made", created.astimezone(UTC).strftime("%Y-%m-%d %H:%M UTC")),
         ("dynident", __version__),

@@ -1,0 +1,93 @@
+"""Which samples of one recording are in another one, whatever windows either has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.arrays import BoolArray, FloatArray
+from dynident.recordings import Recording
+from dynident.recordings.spectra import used_runs
+
+Hashes = NDArray[np.uint64]
+
+_ROWS_TOGETHER = 16
+"""Rows that have to be equal one after the other: counts of a coarse encoder and current repeat singly by chance."""
+_MOVING = 0.7
+"""Share of these rows in which a joint has to move: of one that creeps, coarse counts repeat for many rows."""
+_BLOCK = 65_536
+
+
+@dataclass(frozen=True, eq=False)
+class SampleHashes:
+    """A hash of position and torque of every row inside the windows, and whether a joint moved since the row before.
+
+    One entry of each list for every run of rows without a gap.
+    """
+
+    rows: tuple[Hashes, ...]
+    moving: tuple[BoolArray, ...]
+
+    @classmethod
+    def of(cls, recording: Recording) -> SampleHashes:
+        """Read a recording once, in blocks."""
+        rows, moving = [], []
+        for first, length in used_runs(recording):
+            blocks, last, moved = [], None, []
+            for block in recording.source.rows(first, length, _BLOCK):
+                blocks.append(_hash_rows(np.hstack([block.q, block.tau])))
+                before = np.vstack([block.q[:1] if last is None else last, block.q[:-1]])
+                moved.append((block.q != before).any(axis=1))
+                last = block.q[-1:]
+            rows.append(np.concatenate(blocks))
+            moving.append(np.concatenate(moved))
+        return cls(tuple(rows), tuple(moving))
+
+    def share_in(self, other: SampleHashes) -> float:
+        """Share of the rows in motion that are rows of another recording, too; 0 where nothing moves."""
+        together = min(_ROWS_TOGETHER, max((len(one) for one in self.rows), default=0))
+        if not together:
+            return 0.0
+        known = np.unique(np.concatenate([_hash_runs(one, together) for one in other.rows] or [np.zeros(0, np.uint64)]))
+        shared = telling = 0
+        for rows, moved in zip(self.rows, self.moving, strict=True):
+            starts = _sums(moved.astype(np.float64), together) >= _MOVING * together
+            equal = starts & np.isin(_hash_runs(rows, together), known)
+            telling += _covered(starts, together)
+            shared += _covered(equal, together)
+        return shared / telling if telling else 0.0
+
+
+def _sums(values: FloatArray, together: int) -> FloatArray:
+    """Sums of every so many values that follow each other; none where there are fewer."""
+    return np.convolve(values, np.ones(together), "valid") if len(values) >= together else np.zeros(0)
+
+
+def _covered(starts: BoolArray, together: int) -> int:
+    """How many rows lie in the runs of so many rows that start where it is true."""
+    return int((np.convolve(starts, np.ones(together)) > 0.5).sum()) if starts.any() else 0
+
+
+def _hash_rows(values: FloatArray) -> Hashes:
+    """One hash (m,) a row of values (m, c): the bits of each, multiplied and added modulo 2**64."""
+    bits = np.ascontiguousarray(values + 0.0).view(np.uint64)  # adding zero makes of -0.0 a 0.0
+    mixed = bits ^ (bits >> np.uint64(32))
+    return np.asarray((mixed * _factors(bits.shape[1])).sum(axis=1, dtype=np.uint64))
+
+
+def _hash_runs(rows: Hashes, together: int) -> Hashes:
+    """A hash of every so many rows that follow each other: (m - together + 1,); none where there are fewer."""
+    count = len(rows) - together + 1
+    if count < 1:
+        return np.zeros(0, dtype=np.uint64)
+    found = np.zeros(count, dtype=np.uint64)
+    for k, factor in enumerate(_factors(together)):
+        found += rows[k : k + count] * factor
+    return found
+
+
+def _factors(count: int) -> Hashes:
+    """Odd numbers, always the same."""
+    return np.random.default_rng(0).integers(0, 2**63, count, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
