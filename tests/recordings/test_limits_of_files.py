@@ -37,6 +37,15 @@ def test_arrays_are_read_in_parts_whichever_way_they_lie(tmp_path, order, lying)
     assert np.array_equal(found, values.T if lying else values)
 
 
+@pytest.mark.parametrize("lying", [False, True])
+def test_an_array_of_more_signals_than_the_fewest_rows_has_its_rows_along_its_longer_side(tmp_path, lying):
+    values = np.random.default_rng(1).normal(size=(1000, 15))
+    np.save(tmp_path / "run.npy", values.T if lying else values)
+    found = columns_of(tmp_path / "run.npy")
+    assert list(found) == [f"column{k}" for k in range(1, 16)]
+    assert np.array_equal(np.column_stack(list(found.values())), values)
+
+
 def test_a_mat_file_of_more_compressed_variables_than_files_can_be_open(tmp_path):
     savemat = pytest.importorskip("scipy.io").savemat
     savemat(tmp_path / "run.mat", {f"x{k}": np.arange(20.0) + k for k in range(1500)}, do_compression=True)

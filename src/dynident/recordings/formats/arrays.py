@@ -90,11 +90,15 @@ def _rows(place: _Placed, first: int, last: int) -> FloatArray:
 
 
 def _length(arrays: Sequence[StoredArray]) -> int:
-    """The number of rows: the length that most columns share, and of these the largest."""
+    """The number of rows: the length that most columns share, and of these the largest.
+
+    It is the longer side of one array at the least: a recording has more rows than signals.
+    """
+    longer = {max(one.shape) for one in arrays}
     shared: Counter[int] = Counter()
     for one in arrays:
         for axis, size in enumerate(one.shape):
-            if size >= FEWEST_ROWS:
+            if size >= FEWEST_ROWS and size in longer:
                 shared[size] += min(64, one.shape[1 - axis]) if len(one.shape) == 2 else 1
     return max(shared, key=lambda size: (shared[size], size))
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from dynident.recordings.file_limits import UnpackedSize, check_chunk
-from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, check_message, plain_type
+from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, plain_type
 from dynident.recordings.formats.stored import KnownLength
 
 _FOOTER = 9 + 8 + 8 + 4
@@ -27,7 +27,6 @@ def mcap_messages(path: Path) -> Iterator[PackedMessage]:
     with path.open("rb") as opened:
         file = _McapFile(KnownLength(opened))
         for schema, channel, message in file.messages():
-            check_message(channel.topic, len(message.data))
             text = schema.data.decode(errors="replace") if schema.encoding == "ros2msg" else ""
             yield PackedMessage(channel.topic, plain_type(schema.name), text, message.log_time, message.data)
 

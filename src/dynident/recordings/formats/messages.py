@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dynident.arrays import FloatArray, IntArray
-from dynident.recordings.file_limits import TITLE, check_columns
+from dynident.recordings.file_limits import LARGEST_MESSAGE, TITLE, check_columns
 from dynident.recordings.formats.layouts import Content, Layout, learned
 from dynident.recordings.formats.mcap_files import mcap_messages
 from dynident.recordings.formats.message_definitions import defined_types
@@ -88,7 +88,15 @@ def _together(messages: Iterator[PackedMessage]) -> Iterator[list[PackedMessage]
     size = 0
     for message in messages:
         part.append(message)
-        size += len(message.data)
+        length = len(message.data)
+        if length > LARGEST_MESSAGE:
+            raise RecordingError(
+                f"A message of {message.topic} has {length} bytes; signals of joints take at most "
+                f"{LARGEST_MESSAGE >> 20} MB.",
+                pointer=message.topic,
+                title=TITLE,
+            )
+        size += length
         if len(part) == _TOGETHER or size > _TOGETHER_BYTES:
             yield part
             part, size = [], 0

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from dynident.recordings.file_limits import LARGEST_MESSAGE, TITLE
-from dynident.recordings.types import RecordingError
-
 JOINT_STATES = "sensor_msgs/msg/JointState"
 WRENCHES = ("geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/Wrench")
 DYNAMIC_STATES = "control_msgs/msg/DynamicJointState"
@@ -51,13 +48,3 @@ class PackedMessage(NamedTuple):
 def plain_type(type_name: str) -> str:
     """sensor_msgs/JointState, as ROS 1 writes it, is sensor_msgs/msg/JointState."""
     return type_name if "/msg/" in type_name else type_name.replace("/", "/msg/", 1)
-
-
-def check_message(topic: str, size: int) -> None:
-    """Refuse a message that is longer than any that holds signals of joints."""
-    if size > LARGEST_MESSAGE:
-        raise RecordingError(
-            f"A message of {topic} has {size} bytes; signals of joints take {LARGEST_MESSAGE >> 20} MB at most.",
-            pointer=topic,
-            title=TITLE,
-        )

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dynident.recordings.file_limits import LARGEST_CHUNK, UnpackedSize, check_chunk
-from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, check_message, plain_type
+from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, plain_type
 from dynident.recordings.formats.stored import KnownLength
 
 
@@ -19,7 +19,6 @@ def ros1_messages(path: Path) -> Iterator[PackedMessage]:
         if not wanted:
             return
         for connection, stamp, data in reader.messages(connections=wanted):
-            check_message(connection.topic, len(data))
             text = connection.msgdef.data
             yield PackedMessage(connection.topic, plain_type(connection.msgtype), text, stamp, bytes(data))
 

@@ -5,20 +5,23 @@ A file of SQLite can hold views, triggers and computed columns, which are progra
 
 from __future__ import annotations
 
+import math
 import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import closing
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from dynident.arrays import IntArray
 from dynident.recordings.file_limits import LARGEST_CHUNK, TITLE, check_columns
-from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, check_message
+from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage
 from dynident.recordings.types import RecordingError
 
-_ROWS_AT_ONCE = 500
+_ROWS_AT_ONCE = 1000
 _LONGEST_WAIT = 20.0
 """Seconds for one row. A row is found in microseconds, on a slow disk in milliseconds."""
 _STEPS = 100_000
@@ -35,14 +38,12 @@ def ros2_messages(path: Path) -> Iterator[PackedMessage]:
         The file holds anything but tables and indices, or is damaged.
     """
     with closing(_Bag(path)) as bag:
-        topics = bag.topics()
         texts = bag.definitions()
+        topics = {key: (name, kind, texts.get(kind, "")) for key, (name, kind) in bag.topics().items()}
         for key, stamp, data in bag.messages(list(topics)):
-            name, kind = topics[key]
             if not isinstance(data, bytes):
-                raise ValueError(f"a message of {name} is not stored as bytes")
-            check_message(name, len(data))
-            yield PackedMessage(name, kind, texts.get(kind, ""), stamp, data)
+                raise ValueError(f"a message of {topics[key][0]} is not stored as bytes")
+            yield PackedMessage(*topics[key], stamp, data)
 
 
 class _Bag:
@@ -52,7 +53,7 @@ class _Bag:
         self._size = path.stat().st_size
         # Nothing else writes to the file: no lock is taken, and no file beside it is looked at.
         self._base = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
-        self._deadline = np.inf
+        self._deadline = math.inf
         self._base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_CHUNK)
         self._base.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
         self._base.set_progress_handler(lambda: time.monotonic() > self._deadline, _STEPS)
@@ -68,21 +69,21 @@ class _Bag:
         """Close the file."""
         self._base.close()
 
-    def _rows(self, query: str, values: tuple[object, ...] = ()) -> list[tuple[object, ...]]:
-        return list(self._stream(query, values))
+    def _rows(self, query: str, values: tuple[object, ...] = ()) -> list[tuple[Any, ...]]:
+        return list(chain.from_iterable(self._blocks(query, values)))
 
-    def _stream(self, query: str, values: tuple[object, ...] = ()) -> Iterator[tuple[object, ...]]:
-        """The rows of a query, as long as one after another comes."""
+    def _blocks(self, query: str, values: tuple[object, ...] = ()) -> Iterator[list[tuple[Any, ...]]]:
+        """The rows of a query in blocks, as long as one after another comes."""
         self._deadline = time.monotonic() + _LONGEST_WAIT
         cursor = self._base.execute(query, values)
         while rows := cursor.fetchmany(_ROWS_AT_ONCE):
-            self._deadline = np.inf
-            yield from rows
+            self._deadline = math.inf
+            yield rows
             self._deadline = time.monotonic() + _LONGEST_WAIT
 
     def _checked_tables(self) -> set[str]:
         tables = set()
-        for kind, name, root, text in self._stream("SELECT type, name, rootpage, sql FROM sqlite_master"):
+        for kind, name, root, text in self._rows("SELECT type, name, rootpage, sql FROM sqlite_master"):
             virtual = kind == "table" and (not root or "virtual" in str(text).casefold().split()[1:2])
             if kind not in ("table", "index") or virtual:
                 raise RecordingError(
@@ -117,18 +118,15 @@ class _Bag:
         rows = self._rows("SELECT topic_type, encoded_message_definition FROM message_definitions")
         return {kind: text for kind, text in rows if isinstance(kind, str) and isinstance(text, str)}
 
-    def messages(self, topics: list[object]) -> Iterator[tuple[object, int, object]]:
+    def messages(self, topics: list[object]) -> Iterator[tuple[Any, ...]]:
         """Topic, time and data of the messages of some topics, by their time."""
-        rows = self._rows_by_time(topics)
-        for first in range(0, len(rows), _ROWS_AT_ONCE):
-            keys = rows[first : first + _ROWS_AT_ONCE].tolist()
-            marks = ",".join("?" * len(keys))
-            query = f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid IN ({marks})"
-            block = {row[0]: row[1:] for row in self._rows(query, tuple(keys))}
-            for key in keys:
-                topic, stamp, data = block[key]
-                assert isinstance(stamp, int)
-                yield topic, stamp, data
+        every = self._rows_by_time(topics)
+        for first in range(0, len(every), _ROWS_AT_ONCE):
+            keys = every[first : first + _ROWS_AT_ONCE]
+            query = f"SELECT topic_id, timestamp, data FROM messages WHERE rowid IN ({','.join('?' * len(keys))})"
+            rows = self._rows(query, tuple(np.sort(keys).tolist()))
+            # They come by their numbers.
+            yield from (rows[place] for place in np.argsort(np.argsort(keys)).tolist())
 
     def _rows_by_time(self, topics: list[object]) -> IntArray:
         """The numbers of the rows of some topics, by their time: sorted here, where it takes 16 bytes a row.
@@ -139,24 +137,18 @@ class _Bag:
             The rows do not count upward, or hold more bytes than the file: pages of a damaged file lead round in a
             circle.
         """
-        wanted = set(topics)
-        rows: list[IntArray] = []
         last, held = -(2**63), 0
-        block: list[tuple[int, int]] = []
+        parts: list[IntArray] = [np.empty((0, 2), dtype=np.int64)]
         query = "SELECT rowid, topic_id, timestamp, length(data) FROM messages NOT INDEXED ORDER BY rowid"
-        for row, topic, stamp, size in self._stream(query):
-            assert isinstance(row, int)
-            held += size if isinstance(size, int) else 0
-            if row <= last or held > self._size:
+        for rows in self._blocks(query):
+            try:
+                block = np.array(rows, dtype=np.int64)
+            except (TypeError, ValueError, OverflowError):
+                raise ValueError(f"topic, time or data of a message from {rows[0][0]} on are none") from None
+            held += int(block[:, 3].sum())
+            if block[0, 0] <= last or (np.diff(block[:, 0]) <= 0).any() or held > self._size:
                 raise ValueError("the data base is damaged: pages of its table of messages stand in it twice")
-            last = row
-            if topic in wanted:
-                if not isinstance(stamp, int):
-                    raise ValueError(f"the time of message {row} is {stamp!r}")
-                block.append((stamp, row))
-            if len(block) == _ROWS_AT_ONCE:
-                rows.append(np.array(block, dtype=np.int64))
-                block = []
-        rows.append(np.array(block, dtype=np.int64).reshape(-1, 2))
-        whole = np.concatenate(rows)
+            last = int(block[-1, 0])
+            parts.append(block[np.isin(block[:, 1], topics)][:, [2, 0]])
+        whole = np.concatenate(parts)
         return np.asarray(whole[np.argsort(whole[:, 0], kind="stable"), 1])

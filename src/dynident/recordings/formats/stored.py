@@ -42,7 +42,7 @@ class Place:
         def read(first: int, last: int, axis: int) -> FloatArray:
             if axis < len(self.shape):
                 values = self._rows(first, last, axis)
-                return np.array(values if field is None else values[field], dtype=np.float64)
+                return np.asarray(values if field is None else values[field], dtype=np.float64)
             # The rows run within the records, of which there are fewer than rows.
             records = self._rows(0, self.shape[0], 0)
             return np.array(records[field][:, first:last].T, dtype=np.float64)
