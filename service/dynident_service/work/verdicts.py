@@ -22,13 +22,15 @@ def judge(model: str, fitted: Sequence[Mapping[str, Any]], held_out: Sequence[Ma
     """
     names: set[str] = set()
     seen = [_opened(one, names) for one in fitted], [_opened(one, names) for one in held_out]
-    checks = {
-        one.recording.name: [Check(check["name"], check["status"], check["detail"]) for check in given["checks"]]
-        for one, given in zip([*seen[0], *seen[1]], [*fitted, *held_out], strict=True)
-    }
+    pairs = zip([*seen[0], *seen[1]], [*fitted, *held_out], strict=True)
+    checks = {one.recording.name: _checks(given) for one, given in pairs}
     recordings, validation = ([one.recording for one in group] for group in seen)
     found = verdict(from_bytes(Path(model).read_bytes()), recordings, validation, checks)
     return plain(show_verdict(found, [*seen[0], *seen[1]]))
+
+
+def _checks(one: Mapping[str, Any]) -> list[Check]:
+    return [Check(check["name"], check["status"], check["detail"]) for check in one["checks"]]
 
 
 def _opened(one: Mapping[str, Any], names: set[str]) -> SeenMeasurement:
