@@ -11,11 +11,13 @@ from anyio import to_thread
 from fastapi import FastAPI
 from starlette.middleware.cors import CORSMiddleware
 from starlette.routing import compile_path
+from starlette.types import Scope
 
 from dynident.version import __version__
 from dynident_service import traces
 from dynident_service.access import Access
 from dynident_service.documentation import mount as mount_documentation
+from dynident_service.fair_shares import party_of_address
 from dynident_service.headers import SafeHeaders
 from dynident_service.jobs.nursery import Nursery
 from dynident_service.keys import KeyRing
@@ -101,12 +103,22 @@ def create_app(settings: Settings | None = None, nursery: Nursery | None = None)
             expose_headers=["Location", REQUEST_ID],
         )
     app.add_middleware(Audit)
-    app.add_middleware(Admission, settings=settings, party_of=lambda scope: app.state.keys.party_of(scope))
+    app.add_middleware(Admission, settings=settings, party_of=_party_of(app))
     app.add_middleware(Timing, metrics=metrics)
     app.add_middleware(SafeHeaders)
     app.add_middleware(Tracing)
     app.add_middleware(Access)
     return app
+
+
+def _party_of(app: FastAPI) -> Callable[[Scope], str]:
+    """Tell which party a request comes from: by its key, or by its address before keys are known."""
+
+    def party_of(scope: Scope) -> str:
+        keys: KeyRing | None = getattr(app.state, "keys", None)
+        return party_of_address(scope) if keys is None else keys.party_of(scope)
+
+    return party_of
 
 
 def _keys_of(services: Services) -> KeyRing:

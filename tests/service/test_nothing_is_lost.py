@@ -23,6 +23,9 @@ from dynident_service.storage.tombstones import ObjectGone, sweep
 CONTENT = b"t,q1,tau1\n" * 100
 AT_ONCE = timedelta(0)
 ROBOT = {"name": "arm", "description": {"format": "modified_dh", "content": TWO_JOINTS}}
+NO_BASE = {"count": 0, "rank": 0, "names": [], "groupings": []}
+SHOWN = {"joints": [], "base_parameters": NO_BASE, "has_inertias": False}
+"""As much as it takes for it to be shown."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,8 @@ class Store:
     def put(self, content: bytes = CONTENT) -> NewResource:
         """Put bytes; gives the resource that is to own them."""
         stored = self.resources.put(content)
-        return NewResource("robot", ROBOT, objects=(Owned("original", stored.key, stored.size, "text/csv"),))
+        owned = (Owned("original", stored.key, stored.size, "text/csv"),)
+        return NewResource("robot", ROBOT, "arm", SHOWN, objects=owned)
 
     def make(self, content: bytes = CONTENT) -> Resource:
         """Make a resource that owns bytes, as often as it takes."""

@@ -23,13 +23,18 @@ _FILES: Mapping[Kind, frozenset[str]] = {
 
 def look_at(resource: Resource) -> None:
     """Show a resource and its job; raises ValueError, or whatever showing it does, where this service could not."""
+    show_resource(resource)
+    if resource.job is None or resource.job.state == "succeeded":
+        lacking = _FILES.get(resource.kind, frozenset()) - resource.objects.keys()
+        if lacking:
+            raise ValueError(f"it has no {' and no '.join(sorted(lacking))}")
+
+
+def show_resource(resource: Resource) -> None:
+    """Show a resource and its job, whatever files it has; raises what showing it does where this service cannot."""
     if resource.job is not None:
         jobs.show(resource.job)
     if resource.kind == "batch":
         batches.members(resource)
     else:
         SHOWN[resource.kind](resource)
-    if resource.job is None or resource.job.state == "succeeded":
-        lacking = _FILES.get(resource.kind, frozenset()) - resource.objects.keys()
-        if lacking:
-            raise ValueError(f"it has no {' and no '.join(sorted(lacking))}")

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dynident_service.cli.verbs.backup import DataDir, storage
+
+if TYPE_CHECKING:
+    from dynident_service.storage.records import Resource
 
 UNSOUND = 1
 
@@ -27,6 +30,7 @@ def doctor(
     with 1 where anything is wrong that is not put right.
     """
     from dynident_service.jobs.stored_files import StoredFilesReader
+    from dynident_service.routes.shown import show_resource
     from dynident_service.storage import doctor as examination
     from dynident_service.storage.migrate import migrate
 
@@ -37,8 +41,16 @@ def doctor(
     ):
         if not any(examination.examine_database(database)):
             migrate(database)
-        problem_of = None if quick else reader.problem_of
-        for finding in examination.examine(database, objects, by_hash=not quick, problem_of=problem_of):
+
+        def problem_of(resource: Resource) -> str | None:
+            try:
+                show_resource(resource)
+            except Exception as error:  # of what another version stored, this is no closed list
+                return reader.problem_of(resource) or f"its request or its result: {type(error).__name__}: {error}"
+            return reader.problem_of(resource)
+
+        read = None if quick else problem_of
+        for finding in examination.examine(database, objects, by_hash=not quick, problem_of=read):
             mended = repair and finding.is_curable
             if mended:
                 examination.repair(database, objects, finding)
