@@ -114,13 +114,13 @@ def test_the_simulator_and_the_filters(desk: Path):
         (["direct", "{run}", "--draws", "300"], ["--draws"]),
         (["cross", "{run}", "--cutoffs", "3"], ["--cutoffs"]),
         (["cross", "{run}", "-v", "{run}"], ["--validation"]),
-        (["cross", "{run}", "--limit", "-1"], ["limit", "above 0"]),
+        (["cross", "{run}", "--limit", "-1"], ["limit", "1e-06 to 10"]),
         (["methods", "{run}", "--methods", "best"], ["--methods", "best", "irls"]),
         (["methods", "{run}", "--methods", "ols/wls"], ["--methods", "one of each"]),
         (["filters", "{run}", "--cutoffs", "70", "--longest", "2"], ["/cutoffs/0", "below 50"]),
         (["filters", "{run}", "{run}"], ["give one"]),
         (["payload", "{run}", "--mass", "2"], ["--unloaded"]),
-        (["payload", "{run}", "--unloaded", "{run}", "--mass", "-2"], ["--mass", "above 0"]),
+        (["payload", "{run}", "--unloaded", "{run}", "--mass", "-2"], ["--mass", "1e-06 to 1e+06"]),
         (["payload", "{run}", "--unloaded", "{other}"], ["run2", "payload"]),
     ],
 )
@@ -157,7 +157,7 @@ def test_a_strategy_can_be_chosen_for_an_identification(desk: Path):
         (["--strategy", "random"], ["--strategy", "sequential"]),
         (["--steps", "backwards"], ["--steps", "link_by_link"]),
         (["--prior", "hope"], ["--prior", "description"]),
-        (["--pole", "-3"], ["pole", "above zero"]),
+        (["--pole", "-3"], ["pole", "0.001 to 1e+06"]),
     ],
 )
 def test_choices_that_there_are_not_are_said_in_words(desk: Path, options: list[str], said: list[str]):

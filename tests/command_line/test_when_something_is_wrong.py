@@ -222,13 +222,9 @@ def test_a_hole_in_the_numbers_is_named_by_column_and_row(desk: Path, tmp_path: 
     columns = run1(desk)
     columns["q2"][123] = float("nan")
     pacsv.write_csv(pa.table(columns), tmp_path / "bad.csv")
-    answer = dynident("identify", desk / "arm.json", tmp_path / "bad.csv", "--json")
-    assert answer.code == 2
-    problem = answer.document
-    assert problem.keys() >= {"type", "title", "status", "detail", "errors"}
-    assert problem["errors"][0]["pointer"] == "q2"
-    assert problem["errors"][0]["row"] == 124
-    assert "q2" in answer.err
+    answer = dynident("identify", desk / "arm.json", tmp_path / "bad.csv")
+    assert answer.code == 0
+    assert "q2 (1 in row 124)" in " ".join((answer.out + answer.err).split())
 
 
 def test_with_json_a_problem_is_printed_for_scripts(desk: Path) -> None:

@@ -227,6 +227,6 @@ def test_a_description_with_a_link_without_extent_is_refused_unless_the_link_is_
 
 def test_a_belief_so_weak_that_no_body_is_settled_on_is_refused_with_what_to_do():
     robot = replace(arm("ur10"), inertias=1.1 * arm("ur10").inertias)
-    with pytest.raises(DynidentError, match="State a smaller one") as refused:
+    with pytest.raises(DynidentError, match=r"prior_error is 100000000\.0; it must be") as refused:
         identify(robot, [recorded(robot, arm("ur10"), 0.1)], [], replace(CHOICES, prior_error=1e8))
-    assert refused.value.pointer == "/prior"
+    assert refused.value.pointer == "/prior_error"

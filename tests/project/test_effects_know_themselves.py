@@ -35,6 +35,8 @@ CONTRACT = {
     "src/dynident/reports/commands.py": {"torque_delay"},
     "src/dynident/robot/urdf_writer.py": {"offset"},
     "src/dynident/robot/urdf_xml.py": {"offset"},
+    # And so have the numbers of a mesh in COLLADA.
+    "src/dynident/robot/collada.py": {"offset"},
     "service/dynident_service/workbench/static/js/identification_form.js": {c.effect for c in DEFAULT_EFFECTS},
 }
 

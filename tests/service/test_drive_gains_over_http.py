@@ -179,7 +179,8 @@ def test_a_load_that_its_measurement_states_needs_no_mass(lab: Lab, services: Se
         ({"unloaded": []}, "/unloaded", "at least 1"),
         ({"loaded": []}, "/loaded", "at least 1"),
         ({"mass": None}, "/mass", "give mass"),
-        ({"mass": 0.0}, "/mass", "greater than 0"),
+        ({"mass": 0.0}, "/mass", "greater than or equal to 0.000001"),
+        ({"mass": 1e300}, "/mass", "less than or equal to 1000000"),
         ({"mass": "much"}, "/mass", "number"),
         ({"centre": [0.1, 0.2]}, "/centre/2", "required"),
         ({"weigh": ["mea_nothing"]}, "/weigh/0", "there is no measurement"),
@@ -232,9 +233,6 @@ def test_torque_columns_of_a_robot_without_gains_give_factors(lab: Lab, services
     ("mass", "scale", "word"),
     [
         (MASS, 0.0, "zero throughout"),
-        (1e-300, 1.0, "no trace"),
-        (1e300, 1.0, "do not settle"),
-        (1e308, 1.0, "do not settle"),
         (MASS, 1e-300, "no trace"),
     ],
 )

@@ -87,8 +87,8 @@ def test_what_older_diagnoses_proposed_can_still_be_read() -> None:
         ({"criterion": {"name": "separation", "effects": [{"effect": "magic"}]}}, "/criterion/effects/0"),
         ({"criterion": {"name": "separation"}}, "/criterion/effects"),
         ({"criterion": {"name": "parameters"}}, "/criterion/parameters"),
-        ({"trajectory": {"paces": [2.0]}}, "/trajectory/paces"),
-        ({"kind": "reversals", "trajectory": {"amplitudes": [-1.0]}}, "/trajectory/amplitudes"),
+        ({"trajectory": {"paces": [2.0]}}, "/trajectory/paces/0"),
+        ({"kind": "reversals", "trajectory": {"amplitudes": [-1.0]}}, "/trajectory/amplitudes/0"),
     ],
 )
 def test_a_wish_that_cannot_be_met_is_refused_by_its_place(

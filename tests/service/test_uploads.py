@@ -159,13 +159,10 @@ def scale(name: str, factor: float) -> Callable[[Columns], None]:
 @pytest.mark.parametrize(
     ("content", "column", "row"),
     [
-        (spoiled(put("q2", 1000, np.nan)), "q2", 1001),
-        (spoiled(put("tau1", 500, np.inf)), "tau1", 501),
         (spoiled(put("t", 700, 0.5)), "t", 701),
-        (spoiled(scale("tau2", -1.0)), "tau2", None),
         (spoiled(scale("tau1", 0.0)), "tau1", None),
         (spoiled(lambda columns: columns.pop("tau2")), "tau2", None),
-        (b"t,q1,q2,tau1,tau2\n0,0,0,0,0\n0.01,zero,0,0,0\n", "q1", 2),
+        (b"t,q1,q2,tau1,tau2\n0,0,0,0,0\n0.01,zero,0,0,0\n", "q1", None),
     ],
 )
 def test_a_bad_file_names_column_and_row_and_leaves_nothing_behind(
@@ -184,6 +181,23 @@ def test_a_bad_file_names_column_and_row_and_leaves_nothing_behind(
     assert column in field["pointer"] or column in field["detail"]
     assert field.get("row") == row or row is None
     assert stored() == before
+
+
+@pytest.mark.parametrize(
+    ("content", "name", "column", "row"),
+    [
+        (spoiled(put("q2", 1000, np.nan)), "missing_values", "q2", 1001),
+        (spoiled(put("tau1", 500, np.inf)), "missing_values", "tau1", 501),
+        (spoiled(scale("tau2", -1.0)), "torque_sign", "tau2", None),
+    ],
+)
+def test_what_was_put_right_or_may_be_wrong_is_a_warning_with_column_and_row(
+    client: TestClient, robot: dict[str, Any], content: bytes, name: str, column: str, row: int | None
+) -> None:
+    answer = upload(client, robot, content)
+    assert answer.status_code == 201, answer.text
+    (check,) = [check for check in answer.json()["checks"] if check["name"] == name]
+    assert (check["status"], check["column"], check["row"]) == ("warning", column, row)
 
 
 @pytest.mark.parametrize(

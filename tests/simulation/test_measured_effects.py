@@ -184,7 +184,7 @@ def test_noise_differs_from_run_to_run(robot: Robot) -> None:
     [
         ({"runs": 0}, "/runs"),
         ({"pause": -1.0}, "/pause"),
-        ({"warming": Warming(time_constant=0.0)}, "/warming"),
+        ({"warming": Warming(time_constant=0.0)}, "/warming/time_constant"),
         ({"runs": 2, "effects": (TrueEffect("payload", "", (("Mp", 1.0),), runs=("3",)),)}, "/effects/0/runs"),
     ],
 )

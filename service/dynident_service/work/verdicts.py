@@ -5,21 +5,36 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from dynident.identification import from_bytes
 from dynident.recordings import Check, open_recording
+from dynident.recordings.types import Status
 from dynident.verdict import verdict
 from dynident_service.adapters.verdicts import SeenMeasurement, show_verdict
 from dynident_service.models.common import plain
 from dynident_service.models.measurements import MeasurementMetadata
 
 
-def judge(model: str, fitted: Sequence[Mapping[str, Any]], held_out: Sequence[Mapping[str, Any]]) -> dict[str, object]:
-    """Say what the model in a file is fit for.
+class SentCheck(TypedDict):
+    """What is sent of a check."""
 
-    Measurements are given by `id`, `recording` (a path), `request`, and `checks` as they were found.
-    """
+    name: str
+    status: Status
+    detail: str
+
+
+class SentMeasurement(TypedDict):
+    """What is sent of a measurement; `recording` is a path, `checks` are as they were found."""
+
+    id: str
+    recording: str
+    request: Mapping[str, object]
+    checks: Sequence[SentCheck]
+
+
+def judge(model: str, fitted: Sequence[SentMeasurement], held_out: Sequence[SentMeasurement]) -> dict[str, object]:
+    """Say what the model in a file is fit for."""
     names: set[str] = set()
     seen = [_opened(one, names) for one in fitted], [_opened(one, names) for one in held_out]
     pairs = zip([*seen[0], *seen[1]], [*fitted, *held_out], strict=True)
@@ -29,11 +44,11 @@ def judge(model: str, fitted: Sequence[Mapping[str, Any]], held_out: Sequence[Ma
     return plain(show_verdict(found, [*seen[0], *seen[1]]))
 
 
-def _checks(one: Mapping[str, Any]) -> list[Check]:
+def _checks(one: SentMeasurement) -> list[Check]:
     return [Check(check["name"], check["status"], check["detail"]) for check in one["checks"]]
 
 
-def _opened(one: Mapping[str, Any], names: set[str]) -> SeenMeasurement:
+def _opened(one: SentMeasurement, names: set[str]) -> SeenMeasurement:
     recording = open_recording(Path(one["recording"]))
     # The verdict tells of recordings by name, and measurements may share one.
     name = recording.name if recording.name not in names else f"{recording.name} ({one['id']})"

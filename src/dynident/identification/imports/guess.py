@@ -357,10 +357,13 @@ class _Guesser:
             self._map("tau" if signal == "tau" else "current", effort)
         if effort.unit not in ("permille", "percent"):
             self._effort_unit(signal or "tau", tau, effort, gains, reach)
+        in_si = signal == "tau" or None not in gains
         if signal == "current":
             asked = question_of_gains(self._shown(effort), effort.unit, gains, self.fits, (q, tau))
-            self.questions += [asked] if asked is not None else []
-        in_si = signal == "tau" or None not in gains
+            if asked is not None:
+                # By how much the torques are off is asked with the gains.
+                self.questions.append(asked)
+                in_si = False
         self._check(q, tau * self._factors(signal or "tau", gains), effort, in_si=in_si)
         return kind
 

@@ -264,7 +264,8 @@ class Judge:
 
     def _fitted(self, grams: Grams, noise: FloatArray) -> FloatArray:
         """(blocks + 1, c): parameters of the blocks but each, and of all; where motion says nothing, the smallest."""
-        c, weights = self.n_columns, 1.0 / noise**2
+        # Relative to the largest, since torques may be of any size, and squares of their inverses too large.
+        c, weights = self.n_columns, (noise.max() / noise) ** 2
         normal = OTHERS @ (weights @ grams.inner[:-1].reshape(BLOCKS, self._robot.n, c * c))
         right = OTHERS @ (weights @ grams.right[:-1])
         normal = normal.reshape(-1, c, c)

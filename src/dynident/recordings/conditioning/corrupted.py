@@ -60,7 +60,7 @@ class CorruptedSamples:
         if not marks.any():
             return
         back = np.sign(steps) * large
-        swings = (_near(back < 0.0) & _near(back > 0.0) & ~_near(marks))[:, ~smooth].any(axis=1)
+        swings = np.asarray((_near(back < 0.0) & _near(back > 0.0) & ~_near(marks))[:, ~smooth].any(axis=1))
         for index in np.flatnonzero(marks.any(axis=0)):
             column = int(needed[index])
             rows = np.flatnonzero(marks[:, index])

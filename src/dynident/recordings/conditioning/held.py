@@ -63,8 +63,8 @@ class HeldSamples:
         rate = 1.0 / self._signals.step
         detail = (
             f"In {found.n} rows all positions and torques are those of the row before: the file has {rate:.4g} rows a "
-            f"second, and what it holds comes about {rate * self._n_changes / self._n_rows:.3g} times a second. Between "
-            "these samples the signals are interpolated; nothing faster can be seen in them. Log at the source's own "
-            f'rate; if the rows are right as they are, say "skip": ["{self.name}"].'
+            f"second, and what it holds comes about {rate * self._n_changes / self._n_rows:.3g} times a second. "
+            "Between these samples the signals are interpolated; nothing faster can be seen in them. Log at the "
+            f'rate of the source; if the rows are right as they are, say "skip": ["{self.name}"].'
         )
         return [found.check(self.name, "warning", detail, self._signals.sources)]

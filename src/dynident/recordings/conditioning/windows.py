@@ -38,7 +38,7 @@ class Window:
     def own_rows(self, rows: IntArray) -> IntArray:
         """Give those of the window's rows that it decides on, as data rows counted from 1."""
         inside = rows[(rows >= self.own.start) & (rows < self.own.stop)]
-        return inside + self.first_row + 1
+        return np.asarray(inside + self.first_row + 1)
 
 
 def overlapping_windows(blocks: Iterable[RawRows], base: TimeBase) -> Iterator[Window]:

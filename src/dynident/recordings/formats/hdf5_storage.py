@@ -9,10 +9,13 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dynident.recordings.file_limits import LARGEST_CHUNK, TITLE, check_chunk
 from dynident.recordings.types import RecordingError
+
+if TYPE_CHECKING:
+    import h5py
 
 _GZIP, _SHUFFLE, _FLETCHER, _SZIP, _LZF = 1, 2, 3, 4, 32000
 _FILTERS = {_GZIP: "gzip", _SHUFFLE: "shuffle", _FLETCHER: "fletcher32", _SZIP: "szip", _LZF: "lzf"}
@@ -21,7 +24,7 @@ _GROWTH = {_GZIP: 1032, _LZF: 90}
 """Times that a byte may become under each compression (deflate: 258 bytes from 2 bits; LZF: 264 from 3)."""
 
 
-def check_storage(name: str, item: Any, file_size: int) -> None:
+def check_storage(name: str, item: h5py.Dataset, file_size: int) -> None:
     """Refuse a data set whose numbers are not in its file, or are stored in a way that could harm its reader.
 
     Parameters

@@ -6,19 +6,18 @@ Here nothing but names of fields and their types gets there, and no type that ho
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dynident.recordings.file_limits import DEEPEST, LARGEST_DEFINITION, MOST_COLUMNS
 from dynident.recordings.formats.packed_messages import plain_type
 
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import Typesdict
+
 _BETWEEN = "=" * 80 + "\n"
 
-Fields = Mapping[str, tuple[Any, Any]]
-"""Constants and fields of types by their names, as the package has them."""
 
-
-def defined_types(definition: str, type_name: str, known: Fields) -> dict[str, tuple[Any, Any]]:
+def defined_types(definition: str, type_name: str, known: Typesdict) -> Typesdict:
     """The types of a definition that are not known yet.
 
     Parameters
@@ -44,9 +43,7 @@ def defined_types(definition: str, type_name: str, known: Fields) -> dict[str, t
         head, _, text = other.partition("\n")
         parsed |= get_types_from_msg(text, plain_type(head.removeprefix("MSG: ").strip()))
     # Constants say nothing of how a message is stored.
-    types: dict[str, tuple[Any, Any]] = {
-        name: ([], fields) for name, (_, fields) in parsed.items() if name not in known
-    }
+    types: Typesdict = {name: ([], fields) for name, (_, fields) in parsed.items() if name not in known}
     _Sizes({**known, **types}).of_type(type_name, ())
     return types
 
@@ -54,7 +51,7 @@ def defined_types(definition: str, type_name: str, known: Fields) -> dict[str, t
 class _Sizes:
     """Counts the numbers that a message of a type holds beside its sequences."""
 
-    def __init__(self, types: Fields) -> None:
+    def __init__(self, types: Typesdict) -> None:
         self._types = types
         self._sizes: dict[str, int] = {}
 

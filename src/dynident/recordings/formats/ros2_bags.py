@@ -149,6 +149,6 @@ class _Bag:
             if block[0, 0] <= last or (np.diff(block[:, 0]) <= 0).any() or held > self._size:
                 raise ValueError("the data base is damaged: pages of its table of messages stand in it twice")
             last = int(block[-1, 0])
-            parts.append(block[np.isin(block[:, 1], topics)][:, [2, 0]])
+            parts.append(block[np.isin(block[:, 1], np.array(topics))][:, [2, 0]])
         whole = np.concatenate(parts)
         return np.asarray(whole[np.argsort(whole[:, 0], kind="stable"), 1])
