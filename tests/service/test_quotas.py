@@ -216,7 +216,9 @@ def test_uploads_on_their_way_count_so_that_many_at_once_take_no_more_than_is_le
             come_on.set()
 
     app.portal.call(send_together)
-    assert sorted(statuses) == [422, 422, 507, 507]  # those that were taken are no forms that end
+    # Those that were taken are no forms that end. One that did not say its length may find the room that another left.
+    assert set(statuses) == {422, 507}
+    assert statuses.count(507) == 2 or (not announced and statuses.count(507) >= 1)
     assert files_in(services.settings.uploads_dir) == set()
 
 
