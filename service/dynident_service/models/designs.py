@@ -13,6 +13,7 @@ from dynident.excitation.request import TrajectoryRequest
 from dynident_service.models.common import Asked, At, Computed, Effects, Identifier, Shown, Wanted
 from dynident_service.models.derived import asks
 from dynident_service.models.geometry import Point
+from dynident_service.models.robots import Limits
 
 
 @asks(CriterionChoice)
@@ -33,6 +34,7 @@ class DesignRequest(Wanted):
 
     robot_id: Identifier
     effects: Effects | None = None
+    limits: dict[str, Limits] = Field(default={})
     earlier_ids: list[Identifier] = Field(
         default=[], max_length=100, description="Measurements that the new experiment is to complement"
     )
