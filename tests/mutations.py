@@ -496,8 +496,13 @@ def _main(kind: str, seed: int, first: int, last: int) -> None:
 
                 end, what = "fault", f"{error!r}\n{''.join(traceback.format_tb(error.__traceback__)[-3:])}"
             faulthandler.cancel_dump_traceback_later()
-            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-            _say(mutant=number, end=end, what=what[:1500].encode(errors="replace").decode(), peak=peak)
+            _say(mutant=number, end=end, what=what[:1500].encode(errors="replace").decode(), peak=_peak())
+
+
+def _peak() -> int:
+    """Bytes of the largest resident memory; `getrusage` would count that of the process which started this one."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 
 
 def _say(**values: object) -> None:

@@ -15,9 +15,6 @@ from dynident.errors import DynidentError
 from dynident_service.environment import is_secret
 
 MEGABYTE = 1_000_000
-LARGEST_BATCH = 10_000
-"""Identifications that one request may ask for whatever the setting: all are stored in one transaction, for which all
-who write wait."""
 
 
 class LogSettings(BaseSettings):
@@ -49,9 +46,7 @@ class Settings(LogSettings):
     max_connections: int = Field(default=500, ge=1, description="Connections at a time.")
     max_requests: int = Field(default=100, ge=1, description="Requests at a time, but for those that follow a job.")
     max_followers: int = Field(default=200, ge=1, description="Requests at a time that follow a job.")
-    max_batch: int = Field(
-        default=1000, ge=1, le=LARGEST_BATCH, description="Identifications that one request may ask for."
-    )
+    max_batch: int = Field(default=1000, ge=1, description="Identifications that one request may ask for.")
     header_timeout_seconds: float = Field(default=20.0, gt=0, description="How long a request may take to begin.")
     body_timeout_seconds: float = Field(default=30.0, gt=0, description="How long a body may not come on.")
     answer_timeout_seconds: float = Field(default=30.0, gt=0, description="How long nothing of an answer may be taken.")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from dynident.robot import (
     to_pinocchio,
     urdf_from_robot,
 )
-from dynident.robot.pinocchio_model import inertial_parameters
+from dynident.robot.pinocchio_model import described_torque, inertial_parameters
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 MODEL = pin.buildModelFromXML(EVERY_KIND)
@@ -191,3 +192,14 @@ def test_urdfs_of_real_arms_load(arm):
     assert robot.joint_names == tuple(model.names)[1:]
     q = np.array([0.3, -0.5, 0.7, -0.9, 1.1, -1.3])
     np.testing.assert_allclose(joint_frames(robot, q[None])[0], pinocchio_frames(model, q), atol=1e-9)
+
+
+def test_links_without_a_mass_need_no_torque_of_their_own() -> None:
+    robot = robot_from_library("scara")
+    inertias = robot.inertias.copy()
+    inertias[-1] = 0.0
+    bare, rng = replace(robot, inertias=inertias), np.random.default_rng(0)
+    q, dq, ddq = rng.uniform(-1, 1, (3, 5, robot.n))
+    torque = described_torque(bare, q, dq, ddq)
+    assert np.isfinite(torque).all()
+    np.testing.assert_allclose(torque[:, -1], 0.0, atol=1e-12)

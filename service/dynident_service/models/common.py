@@ -21,6 +21,9 @@ ResultT = TypeVar("ResultT", bound=BaseModel)
 MOST_ITEMS = 1000
 """Of a list or an object in a request for which nothing else is stated: ten times as many as any robot or recording in
 use has needed, and few enough that what is computed for each of them ends."""
+LARGEST_BATCH = 10_000
+"""Identifications that one request may ask for whatever the setting: all are stored in one transaction, for which all
+who write wait."""
 MOST_EFFECTS = 200
 """In a model: of each comes a column for each joint, and what is computed grows with their square."""
 _SIZED = frozenset({"list", "set", "frozenset", "dict"})

@@ -12,11 +12,20 @@ from dynident.export.stated import ExportChoices
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.essential_choices import EssentialChoices
 from dynident.recordings.stated import PreprocessingChoices
-from dynident_service.models.common import Asked, At, Computed, EffectChoice, Identifier, Labelled, Shown, Wanted
+from dynident_service.models.common import (
+    LARGEST_BATCH,
+    Asked,
+    At,
+    Computed,
+    EffectChoice,
+    Identifier,
+    Labelled,
+    Shown,
+    Wanted,
+)
 from dynident_service.models.derived import asks, query_of
 from dynident_service.models.revisions import SeenMeasurement
 from dynident_service.models.tables import Table
-from dynident_service.settings import LARGEST_BATCH
 from dynident_service.storage.records import State
 
 JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]

@@ -52,9 +52,17 @@ def to_pinocchio(robot: Robot) -> pin.Model:
         added = model.addJoint(joint.parent + 1, kinds[joint.kind](joint.axis), placement, joint.name)
         model.addJointFrame(added)
         if robot.inertias is not None:
-            inertia = pin.Inertia.FromDynamicParameters(dynamic_parameters(robot.inertias[index]))
-            model.appendBodyToJoint(added, inertia, pin.SE3.Identity())
+            model.appendBodyToJoint(added, _body_of(robot.inertias[index]), pin.SE3.Identity())
     return model
+
+
+def _body_of(inertial: FloatArray) -> pin.Inertia:
+    """Make a body of inertial parameters (10,) in the order of `INERTIAL_NAMES`."""
+    xx, xy, xz, yy, yz, zz = inertial[:6]
+    if inertial[9] == 0.0:
+        # Pinocchio divides by the mass. Links without one, as some descriptions have, have no centre of mass either.
+        return pin.Inertia(0.0, np.zeros(3), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    return pin.Inertia.FromDynamicParameters(dynamic_parameters(inertial))
 
 
 def described_torque(
