@@ -241,6 +241,8 @@ class SimulationOptions(TypedDict, total=False):
 class Surroundings(TypedDict, total=False):
     """What a motion must not touch."""
 
+    assume_floor: bool
+    """Where nothing around an upright robot is stated, a floor through its base is assumed"""
     boxes: Sequence[Box]
     clearance: float
     """Distance that is kept to everything, in m"""
