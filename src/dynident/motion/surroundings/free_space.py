@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -297,13 +297,18 @@ def _hindrances(
     }
     capsules = [(b, a) for pair in own for b in parts[pair.moving.joint] for a in parts[pair.other.joint]]
     moving = [part for joint, found in parts.items() if joint != BASE for part in found]
-    half_spaces = [
-        (Ball(part.joint, end, part.capsule.radius), half)
-        for half in half_spaces_of(surroundings)
-        for part in moving
-        if (part.joint, half.name) in kept_from
-        for end in (part.capsule.start, part.capsule.end)
-    ]
+    half_spaces = _attainable_ends(
+        robot,
+        [
+            (Ball(part.joint, end, part.capsule.radius), half)
+            for half in half_spaces_of(surroundings)
+            for part in moving
+            if (part.joint, half.name) in kept_from
+            for end in (part.capsule.start, part.capsule.end)
+        ],
+        kept_from,
+        postures,
+    )
     planes = _tool_planes(robot, surroundings)
     beside = [
         (ball, box)
@@ -326,6 +331,23 @@ def _hindrances(
         tuple((ball, block_of(box)) for ball, box in beside),
         np.array(wanted) + np.minimum(_SPARE, 0.1 * np.array(wanted)),
     )
+
+
+def _attainable_ends(
+    robot: Robot,
+    ends: Sequence[tuple[Ball, HalfSpace]],
+    kept_from: Mapping[tuple[int, str], float],
+    postures: FloatArray,
+) -> list[tuple[Ball, HalfSpace]]:
+    """Ends of capsules that can be as far from a plane as wanted: those around a first link near the floor never are.
+
+    What the capsules enclose is checked against the plane all the same.
+    """
+    if not ends:
+        return []
+    wanted = np.array([kept_from[ball.joint, half.name] for ball, half in ends])
+    rooms = Clearances(robot, Hindrances(half_spaces=tuple(ends), clearance=wanted + _SPARE)).evaluate(postures).values
+    return [end for end, farthest in zip(ends, rooms.max(axis=0), strict=True) if farthest >= 0]
 
 
 def _followed(
