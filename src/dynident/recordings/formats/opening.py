@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import get_args
 
 from dynident.encoding import encodable
+from dynident.recordings.cells import with_words
+from dynident.recordings.formats.contents import TextContent
 from dynident.recordings.formats.tables import CsvFileSource, ParquetFileSource
 from dynident.recordings.formats.telegrams import START, telegram_source
 from dynident.recordings.raw import FileSource
@@ -60,7 +62,7 @@ def open_source(path: Path, file_format: str | None) -> FileSource:
         raise RecordingError(
             f"The file's name {encodable(path.name)!r} is no UTF-8; rename it.", title="Unreadable file"
         )
-    return with_stamps(_open_source(path, file_format))
+    return with_stamps(with_words(_open_source(path, file_format)))
 
 
 def _open_source(path: Path, file_format: str | None) -> FileSource:
@@ -75,7 +77,7 @@ def _open_source(path: Path, file_format: str | None) -> FileSource:
         )
     if found == "parquet":
         return ParquetFileSource(path)
-    return CsvFileSource(path) if found == "csv" else _open_foreign(path, found)
+    return CsvFileSource(TextContent(path)) if found == "csv" else _open_foreign(path, found)
 
 
 def _open_foreign(path: Path, name: str) -> FileSource:
