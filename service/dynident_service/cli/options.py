@@ -48,8 +48,8 @@ Measurements = Annotated[
     list[Path],
     typer.Argument(
         metavar="MEASUREMENT",
-        help="Files with the columns t, q1… and tau1… or current1… (or q_<joint>…): CSV, Parquet, NumPy, MAT, HDF5, "
-        "bags, MCAP.",
+        help="Files with the columns t, q1… and tau1… or current1… (or q_<joint>…): CSV, JSON, Parquet, NumPy, MAT, "
+        "HDF5, bags, MCAP. Files that are one recording are given together: q.csv+dq.csv+tau.csv.",
         show_default=False,
     ),
     TO_READ,
@@ -90,6 +90,12 @@ class Beside:
             help="Gravity in the base frame in m/s², where the base does not stand upright: 0,0,9.81 for a ceiling.",
         ),
     ] = ""
+
+
+Rate = Annotated[
+    float | None,
+    typer.Option("--rate", metavar="HZ", help="Rows a second, where files have no time.", min=1e-3, max=1e6),
+]
 
 
 @dataclass(frozen=True)
@@ -138,6 +144,7 @@ class Reading:
             "writes it; may be repeated.",
         ),
     ] = field(default_factory=list)
+    rate: Rate = None
     as_proposed: Annotated[
         bool,
         typer.Option(

@@ -53,7 +53,7 @@ class WordedSource(FileSource):
             if (columns := one.signals[signal])[0] in source.units
         }
         super().__init__([*names, *self._places], {**units, **dict.fromkeys(times, "s")})
-        self.sample_rows = source.sample_rows
+        self.sample_rows, self.remarks = source.sample_rows, source.remarks
         self.texts = {name: cells for name, cells in source.texts.items() if name in names and name not in self._times}
         # Where rows are of one joint each, those of the others are empty in them.
         self.has_gaps = source.has_gaps or any(len(one.joints) > len(one.names) for one in named)

@@ -104,6 +104,10 @@ class TimeJoin:
     def __init__(self, series: Mapping[str, Series], main: str, block_samples: int) -> None:
         self._series, self._main, self._block_samples = series, main, block_samples
 
+    def add(self, series: str, times: FloatArray, names: Sequence[str], values: FloatArray) -> None:
+        """Append samples of a series: times (m,), and values (m, c) of the named columns."""
+        self._series[series].add(times, names, values)
+
     @property
     def is_full(self) -> bool:
         """Whether the main series has samples for a block."""

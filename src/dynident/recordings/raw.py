@@ -46,6 +46,8 @@ class FileSource:
     """The first cells of columns that hold words, by their names."""
     has_gaps = False
     """Whether cells of the first rows are empty."""
+    remarks: tuple[str, ...] = ()
+    """What was done to read the file, where that is not plain."""
 
     def __init__(self, names: Sequence[str], units: Mapping[str, str] | None = None) -> None:
         check_columns(len(names))

@@ -66,6 +66,8 @@ class _Guesser:
         self.named = read_names(sample.names, sample.units)
         self.alive = changing(sample.values) if len(sample.values) else np.zeros(len(sample.names), dtype=bool)
         kind: EffortKind = "unknown"
+        for remark in self.sample.remarks:
+            self._say("rows", "joined", 0.95, remark)
         self._set_aside()
         clock = self._clock()
         if clock is None:

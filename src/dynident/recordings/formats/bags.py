@@ -78,10 +78,9 @@ class BagSource(FileSource):
         join = TimeJoin(series, self._main, self._block_samples)
         stream, self._ahead = self._ahead or samples_of(self._path, self._format), None
         for samples in stream:
-            one = series.get(samples.topic)
-            if one is None:
+            if samples.topic not in series:
                 continue
-            one.add(samples.times - self._start, samples.names, samples.values)
+            join.add(samples.topic, samples.times - self._start, samples.names, samples.values)
             if join.is_full and samples.topic == self._main:
                 yield from self._batch(join.rows(), columns)
         yield from self._batch(join.rows(last=True), columns)

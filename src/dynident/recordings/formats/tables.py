@@ -40,6 +40,7 @@ class ParquetFileSource(FileSource):
             with streamed_parquet(path) as file:
                 _check_parquet(file.metadata, path.stat().st_size)
                 schema = file.schema_arrow
+                self.has_gaps = _has_nulls(file.metadata)
             self._lists = places_of(path, list_columns(path, schema))
             super().__init__(spread_names(schema, self._lists))
         except _BROKEN_PARQUET as error:
@@ -54,6 +55,15 @@ class ParquetFileSource(FileSource):
                     yield spread(batch, columns, self._lists) if self._lists else batch
         except _BROKEN_PARQUET as error:
             raise RecordingError(f"The file cannot be read as Parquet: {error}", title=TITLE) from error
+
+
+def _has_nulls(metadata: pq.FileMetaData) -> bool:
+    """Whether the first rows have empty cells, as far as the file says."""
+    if not metadata.num_row_groups:
+        return False
+    group = metadata.row_group(0)
+    known = (group.column(k).statistics for k in range(group.num_columns))
+    return any(one is not None and one.has_null_count and bool(one.null_count) for one in known)
 
 
 def _check_parquet(metadata: pq.FileMetaData, size: int) -> None:
