@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypedDict
 
-from dynident.desk.reading import readable_path
 from dynident.desk.robots import DriveGains, with_gains
 from dynident.html import block, listed, paragraph, table
 from dynident.identification.imports import Guess, Inspection, Question, inspect_file
+from dynident.recordings.names import readable_path
 from dynident.robot import Robot
 
 _COLUMNS = ("what", "proposed", "how sure", "why")

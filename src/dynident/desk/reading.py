@@ -17,7 +17,7 @@ from dynident.errors import DynidentError
 from dynident.identification.robot_recordings import MOST_CURES, import_cured
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
-from dynident.recordings.names import JOINT, parts_of, unique_names
+from dynident.recordings.names import readable_path, unique_names
 from dynident.recordings.stated import RevisionFields
 from dynident.robot import Robot
 
@@ -181,24 +181,6 @@ def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
 def _remove_when_unused(recording: Recording, path: Path) -> None:
     # Copies of a recording (other windows, another name) share the source that reads the file.
     weakref.finalize(recording.source, path.unlink, missing_ok=True)
-
-
-def readable_path(path: str | Path | Sequence[str | Path]) -> Path:
-    """Give the path of a recording, in one file or in several.
-
-    Raises
-    ------
-    DynidentError
-        For what is no path, or a file that is not there.
-    """
-    several = [path] if isinstance(path, (str, Path)) else path
-    if not isinstance(several, (list, tuple)) or not all(isinstance(part, (str, Path)) for part in several):
-        raise DynidentError(f"{path!r} is no path; give the files one by one: read_recordings(*paths, robot=robot)")
-    found = Path(JOINT.join(map(str, several)))
-    for part in parts_of(found):
-        if not part.is_file():
-            raise DynidentError(f"there is no file {part}", pointer=str(part), title="No such file")
-    return found
 
 
 def _together(failures: Sequence[tuple[Path, RecordingError]], n_files: int) -> RecordingError:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+
+from dynident.errors import DynidentError
 
 JOINT = "+"
 """Stands between the files of one recording: q.csv+dq.csv+tau.csv."""
@@ -39,3 +41,21 @@ def parts_of(path: Path) -> list[Path]:
         return [path]
     first, *others = (Path(part) for part in text.split(JOINT))
     return [first, *(other if other.exists() else first.parent / other for other in others)]
+
+
+def readable_path(path: str | Path | Sequence[str | Path]) -> Path:
+    """Give the path of a recording, in one file or in several.
+
+    Raises
+    ------
+    DynidentError
+        For what is no path, or a file that is not there.
+    """
+    several = [path] if isinstance(path, (str, Path)) else path
+    if not isinstance(several, (list, tuple)) or not all(isinstance(part, (str, Path)) for part in several):
+        raise DynidentError(f"{path!r} is no path; give the files one by one: read_recordings(*paths, robot=robot)")
+    found = Path(JOINT.join(map(str, several)))
+    for part in parts_of(found):
+        if not part.is_file():
+            raise DynidentError(f"there is no file {part}", pointer=str(part), title="No such file")
+    return found

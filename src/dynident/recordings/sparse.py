@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pyarrow as pa
@@ -23,7 +24,7 @@ _FEWEST = 8
 _FULL = 0.7
 """Share of its rows that a signal has, from which on the others are single samples that were lost."""
 _SLOWEST = 0.03
-"""Share below which a signal beside full rows is one that is held, as of a thermometer, and not read between samples."""
+"""Share below which a signal beside full rows is one that is held, as of a thermometer: not read between samples."""
 _TIME = re.compile(r"(?:^|[^a-z])(?:t|time|timestamp|stamp|zeit|secs?|seconds)$", re.IGNORECASE)
 _RUN = 20.0
 """Usual steps by which the time goes back where another run begins."""
@@ -104,9 +105,9 @@ class SparseSource(FileSource):
         for name, own in by_series.items():
             table = np.column_stack([values[column] for column in own]) if own else np.empty((len(t), 0))
             if name == self._pattern.main:
-                there = np.ones(len(t), dtype=bool) if self._pattern.main_is_full else np.isfinite(values[probe])
+                there = np.isfinite(values[probe]) | self._pattern.main_is_full
             else:
-                there = np.isfinite(table).any(axis=1)
+                there = np.asarray(np.isfinite(table).any(axis=1))
             join.add(name, t[there], own, table[there])
 
     def _batch(
@@ -143,7 +144,7 @@ def _runs(t: FloatArray, latest: float, back: float) -> list[slice]:
     """Rows between which the time goes back by more than `back`."""
     begins = np.flatnonzero(np.diff(t) < -back) + 1
     edges = [0, *begins.tolist(), len(t)]
-    return [slice(first, last) for first, last in zip(edges, edges[1:], strict=False)]
+    return [slice(first, last) for first, last in pairwise(edges)]
 
 
 def _pattern_of(source: FileSource) -> _Pattern | None:

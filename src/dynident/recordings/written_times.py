@@ -43,7 +43,9 @@ def to_seconds(column: pa.Array) -> pa.Array:
     total += _each(clock, "date", _seconds_of_date) - _each(clock, "zone", _seconds_of_zone)
     half = _each(clock, "half", lambda text: 1.0 if text.casefold() == "pm" else 2.0)
     # 12 AM is midnight, and 12 PM noon.
-    total += np.where((half == 1.0) & (hours < 12), 43_200.0, 0.0) - np.where((half == 2.0) & (hours == 12), 43_200.0, 0)
+    total += np.where((half == 1.0) & (hours < 12), 43_200.0, 0.0) - np.where(
+        (half == 2.0) & (hours == 12), 43_200.0, 0
+    )
     total[~np.asarray(pc.is_valid(clock).to_numpy(zero_copy_only=False))] = np.nan
     return from_numbers(total)
 

@@ -136,7 +136,9 @@ def _join(path: Path, parts: list[Path]) -> FileSource:
     for part in parts:
         name = format_of(part)
         if len(parts) > 1 and name not in ("csv", "jsonl"):
-            raise RecordingError(f"{part.name} is {name}; only files of text, CSV or JSON, are joined.", title="Unreadable file")
+            raise RecordingError(
+                f"{part.name} is {name}; only files of text, CSV or JSON, are joined.", title="Unreadable file"
+            )
     return joined_source(path, parts, lambda content: with_joined_rows(with_stamps(with_words(open_text(content)))))
 
 

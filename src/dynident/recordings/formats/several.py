@@ -35,7 +35,7 @@ Named = tuple[str, FileSource]
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A file, its own column of time and what that is called, the others by what they are called, and its usual step."""
+    """A file, its column of time and what that is called, the others by what they are called, and its usual step."""
 
     name: str
     source: FileSource
@@ -63,7 +63,9 @@ class JoinedFiles(FileSource):
 
     def __init__(self, files: Sequence[Named]) -> None:
         if len(files) > MOST_FILES:
-            raise RecordingError(f"The recording is in {len(files)} files; at most {MOST_FILES} are joined.", title=TITLE)
+            raise RecordingError(
+                f"The recording is in {len(files)} files; at most {MOST_FILES} are joined.", title=TITLE
+            )
         self._parts = _parts(files)
         self._places = {name: part for part in self._parts for name in part.columns}
         timed = [part for part in self._parts if part.time is not None]
@@ -72,10 +74,13 @@ class JoinedFiles(FileSource):
         self._main = min(timed, key=lambda part: part.step) if self._by_time else next(iter(timed), self._parts[0])
         names = list(self._places)
         self._time = self._main.time_name
-        units = {name: unit for name, part in self._places.items() if (unit := part.source.units.get(part.columns[name]))}
+        units = {
+            name: unit for name, part in self._places.items() if (unit := part.source.units.get(part.columns[name]))
+        }
         if self._main.time is not None:
             names = [self._time, *names]
-            units |= {self._time: unit for unit in [self._main.source.units.get(self._main.time)] if unit}
+            if self._main.time in self._main.source.units:
+                units[self._time] = self._main.source.units[self._main.time]
         super().__init__(names, units)
         how = "read between their samples at its times" if self._by_time else "joined with it row by row"
         others = ", ".join(part.name for part in self._parts if part is not self._main)
