@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from dynident.recordings.formats.rewriting import flatten_lists, has_lists, lengths_of_lists, squeeze_spaces
+from dynident.recordings.formats.rewriting import close_lists, flatten_lists, has_lists, lengths_of_lists, squeeze_spaces
 from dynident.recordings.lists import counted_names
 from dynident.recordings.types import RecordingError
 
@@ -70,7 +70,11 @@ def csv_dialect(start: bytes) -> Dialect:
     original = text.splitlines()
     if len(start) == _LOOKED_AT and len(original) > 1:
         original.pop()  # it is cut off
-    rewrite: list[Callable[[str], str]] = [flatten_lists] if has_lists(original) else []
+    rows = close_lists(original)
+    rewrite: list[Callable[[str], str]] = []
+    if has_lists(rows):
+        original = rows
+        rewrite.append(flatten_lists)
     lines = flatten_lists("\n".join(original)).splitlines() if rewrite else original
     if _is_aligned(lines):
         rewrite.append(squeeze_spaces)
@@ -215,7 +219,7 @@ def _below_titles(lines: list[str], header: int) -> int:
     body = [line for line in lines[header:] if line.strip()][-20:]
     if len(body) < 4:
         return header
-    delimiter = _most(body[-1])
+    delimiter = next((sign for sign in ";\t|" if sign in body[-1]), _most(body[-1]))
     width = Counter(len(_fields(line, delimiter)) for line in body).most_common(1)[0][0]
 
     def is_whole(line: str) -> bool:

@@ -24,6 +24,17 @@ _TRIES = 64
 """Ends of lines that are tried for one at which all lists are closed."""
 
 
+def close_lists(lines: list[str]) -> list[str]:
+    """Put lines together between which a list in brackets goes on."""
+    whole: list[str] = []
+    for line in lines:
+        if whole and whole[-1].count("[") > whole[-1].count("]"):
+            whole[-1] += f" {line}"
+        else:
+            whole.append(line)
+    return whole
+
+
 def has_lists(lines: list[str]) -> bool:
     """Whether cells of the rows below the first line are lists."""
     return sum(1 for line in lines[1:32] if _LIST.search(line)) >= 2
