@@ -120,7 +120,9 @@ def sparse_topics(folder: Path, run: Recorded) -> Path:
     header += [f"/motor_feedback/{j}/torque" for j in run.joints]
     rows = [(t, [number(v) for v in q] + [""] * run.n) for t, q in zip(run.t, run.q, strict=True)]
     late = [np.interp(run.t[::every] + delay, run.t, column) for column in run.tau.T]
-    rows += [(t + delay, [""] * run.n + [number(v) for v in tau]) for t, *tau in zip(run.t[::every], *late, strict=True)]
+    rows += [
+        (t + delay, [""] * run.n + [number(v) for v in tau]) for t, *tau in zip(run.t[::every], *late, strict=True)
+    ]
     lines = [",".join([f"{1.7e9 + t:.6f}", *values]) for t, values in sorted(rows, key=lambda row: row[0])]
     return written(folder / "plot.csv", "\n".join([",".join(header), *lines, ""]))
 
@@ -162,7 +164,9 @@ def iso_dates(folder: Path, run: Recorded) -> Path:
     begin = datetime(2025, 5, 6, 23, 59, 55, tzinfo=UTC)
     sign = str(run.rng.choice(["T", " "]))
     # As Python writes it, whole seconds have no fraction.
-    stamps = [(begin + timedelta(microseconds=round(t * 1e6))).replace(tzinfo=None).isoformat(sign) + zone for t in run.t]
+    stamps = [
+        (begin + timedelta(microseconds=round(t * 1e6))).replace(tzinfo=None).isoformat(sign) + zone for t in run.t
+    ]
     header = ["", "timestamp", *counted("joint{}_pos", run.n, 1), *counted("joint{}_torque", run.n, 1)]
     columns = [[str(k) for k in range(len(run.t))], stamps, *cells(run.q), *cells(run.tau)]
     return written(folder / "iso.csv", table(header, columns))
@@ -281,7 +285,12 @@ def no_time(folder: Path, run: Recorded) -> Path:
 
 
 def rtde_spaces(folder: Path, run: Recorded) -> Path:
-    header = ["timestamp", *counted("actual_q_{}", run.n), *counted("actual_qd_{}", run.n), *counted("joint_torque_{}", run.n)]
+    header = [
+        "timestamp",
+        *counted("actual_q_{}", run.n),
+        *counted("actual_qd_{}", run.n),
+        *counted("joint_torque_{}", run.n),
+    ]
     return written(folder / "rtde.csv", table(header, [[number(51234.0 + t) for t in run.t], *blocks(run)], " "))
 
 
