@@ -9,7 +9,13 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from dynident.recordings.formats.rewriting import close_lists, flatten_lists, has_lists, lengths_of_lists, squeeze_spaces
+from dynident.recordings.formats.rewriting import (
+    close_lists,
+    flatten_lists,
+    has_lists,
+    lengths_of_lists,
+    squeeze_spaces,
+)
 from dynident.recordings.lists import counted_names
 from dynident.recordings.types import RecordingError
 

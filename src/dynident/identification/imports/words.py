@@ -16,7 +16,9 @@ def _words(text: str) -> frozenset[str]:
 
 _WORDS: dict[Signal, frozenset[str]] = {
     "t": _words("t time timestamp stamp zeit clock temps tiempo ipoc datetime epoch elapsed"),
-    "q": _words("q pos position positions angle angles ang theta winkel lage stellung posicion encoder enc jpos qpos weg"),
+    "q": _words(
+        "q pos position positions angle angles ang theta winkel lage stellung posicion encoder enc jpos qpos weg"
+    ),
     "dq": _words(
         "dq qd vel velocity velocities speed omega qdot thetadot dtheta geschwindigkeit drehzahl jvel qvel spd speeds"
     ),

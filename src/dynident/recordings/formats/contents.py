@@ -9,7 +9,7 @@ from typing import IO
 
 import pyarrow as pa
 
-from dynident.recordings.file_limits import TITLE, UnpackedSize
+from dynident.recordings.file_limits import MOST_TEXT, TITLE, UnpackedSize
 from dynident.recordings.types import RecordingError
 
 _COMPRESSIONS = ((b"\x1f\x8b", "gzip"), (b"\x28\xb5\x2f\xfd", "zstd"), (b"BZh", "bz2"), (b"\x04\x22\x4d\x18", "lz4"))
@@ -63,7 +63,7 @@ class _Unpacking(io.RawIOBase):
     def __init__(self, path: Path, compression: str) -> None:
         super().__init__()
         self._compression = compression
-        self._size = UnpackedSize(path.stat().st_size)
+        self._size = UnpackedSize(path.stat().st_size, MOST_TEXT)
         self._file = pa.CompressedInputStream(pa.OSFile(str(path)), compression)
 
     def readable(self) -> bool:

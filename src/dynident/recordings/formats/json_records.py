@@ -20,8 +20,8 @@ from dynident.encoding import encodable
 from dynident.recordings.arrow import from_numbers
 from dynident.recordings.file_limits import (
     DEEPEST,
-    LARGEST_CHUNK,
     LARGEST_MESSAGE,
+    LARGEST_OBJECT,
     MOST_COLUMNS,
     TITLE,
     check_columns,
@@ -39,6 +39,8 @@ _BETWEEN = re.compile(r"[\s,]*")
 _READ_BYTES = 1 << 18
 _BLOCK_ROWS = 8192
 _LOOKED_AT, _LOOKED_AT_VALUES = 2000, 200_000
+_LONGEST_WORD = 9
+"""Characters of the longest word of JSON, -Infinity, and of the end of a number that is none yet, 1e-."""
 _NAMES = ("name", "joint", "joint_name", "id")
 """Keys by which objects in an array say what they are of."""
 
@@ -131,16 +133,19 @@ def _objects(content: TextContent) -> Iterator[object]:
                 # An array is closed behind its last record.
                 value, end = decoder.raw_decode(text, place) if not text.startswith("]", place) else (None, place + 1)
             except (ValueError, RecursionError) as error:
-                left = len(text) - place
-                if at_end:
-                    if left and number <= 1:
-                        raise RecordingError(f"The file cannot be read as JSON: {error}", title=TITLE) from error
+                left, row = len(text) - place, max(number, 1)
+                if at_end and (not left or (number > 1 and _is_cut_off(error, text))):
                     return
-                if left > (LARGEST_CHUNK if number <= 1 else LARGEST_MESSAGE):
+                if at_end or not _is_cut_off(error, text):
                     raise RecordingError(
-                        f"Record {max(number, 1)} is no JSON, or longer than {LARGEST_MESSAGE >> 20} MB: {error}",
+                        f"Record {row} cannot be read as JSON: {error}", title=TITLE, row=row
+                    ) from error
+                longest = LARGEST_OBJECT if number <= 1 else LARGEST_MESSAGE
+                if left > longest:
+                    raise RecordingError(
+                        f"Record {row} is longer than {longest >> 20} MB: write an object a line, or CSV.",
                         title=TITLE,
-                        row=max(number, 1),
+                        row=row,
                     ) from error
                 part = file.read(max(_READ_BYTES, left))
                 at_end = not part
@@ -150,6 +155,14 @@ def _objects(content: TextContent) -> Iterator[object]:
             if isinstance(value, (dict, list)):
                 number = max(number, 1) + 1
                 yield value
+
+
+def _is_cut_off(error: Exception, text: str) -> bool:
+    """Whether what is no JSON may become some with the text that follows."""
+    if not isinstance(error, json.JSONDecodeError):
+        return False
+    is_open = error.msg.startswith("Unterminated string") and "\n" not in text[error.pos :]
+    return is_open or error.pos >= len(text.rstrip()) - _LONGEST_WORD
 
 
 def _flat(record: object) -> dict[str, Value]:
@@ -202,13 +215,20 @@ def _arrays(value: Mapping[str, Any], name: str, depth: int) -> Iterator[StoredA
             inner = list(inner.values())  # by the number of the row, as pandas writes it
         if isinstance(inner, dict):
             yield from _arrays(inner, own, depth + 1)
-        elif isinstance(inner, list) and len(inner) >= FEWEST_ROWS and not isinstance(inner[0], (dict, str)):
+        elif isinstance(inner, list) and _has_rows(inner):
             try:
                 values = np.array(inner, dtype=np.float64)
             except (TypeError, ValueError, OverflowError):
                 continue
             if 1 <= values.ndim <= 2:
                 yield StoredArray(own, values.shape, _reader(values))
+
+
+def _has_rows(values: list[Any]) -> bool:
+    """Whether an array, or the first in it, is long enough for a signal of numbers."""
+    first = values[0] if values else None
+    inner = len(first) if isinstance(first, list) else 0
+    return max(len(values), inner) >= FEWEST_ROWS and not isinstance(first, (dict, str))
 
 
 def _reader(values: FloatArray) -> Any:

@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from dynident.arrays import FloatArray
 from dynident.recordings.arrow import from_numbers
-from dynident.recordings.file_limits import TITLE, check_columns, check_unpacked, rows_of_block
+from dynident.recordings.file_limits import MOST_TEXT, TITLE, check_columns, check_unpacked, rows_of_block
 from dynident.recordings.formats.contents import TextContent
 from dynident.recordings.joining import JoinedRows, Series, TimeJoin
 from dynident.recordings.lists import counted_names
@@ -160,7 +160,7 @@ def _parts(files: Sequence[Named]) -> list[_Part]:
     own = [_own_names(name, source) for name, source in files]
     times = [next(filter(is_called_time, names), None) for names in own]
     called = [name for names, time in zip(own, times, strict=True) for name in names if name != time]
-    parts = []
+    parts: list[_Part] = []
     for names, time, (file, source) in zip(own, times, files, strict=True):
         stem = PurePosixPath(file).stem
         columns = {
@@ -169,6 +169,9 @@ def _parts(files: Sequence[Named]) -> list[_Part]:
             if name != time
         }
         own_time = None if time is None else names[time]
+        twice = next((name for part in parts for name in part.columns if name in columns), None)
+        if twice is not None:
+            raise RecordingError(f"Column {twice} stands twice, in files of the same name.", pointer=twice, title=TITLE)
         parts.append(_Part(file, source, own_time, time or "", columns, _step_of(source, own_time)))
     check_columns(sum(len(part.columns) for part in parts))
     return parts
@@ -206,6 +209,8 @@ def joined_source(path: Path, paths: Sequence[Path], open_text: Callable[[TextCo
         return JoinedFiles([(one.name, open_text(TextContent(one))) for one in paths])
     try:
         members = _members(path)
+    except RecordingError:
+        raise
     except _BROKEN as error:
         raise RecordingError(f"The archive cannot be read: {error}", title=TITLE) from error
     sources = [(name, open_text(TextContent(path, _opener(path, name)))) for name in members]
@@ -235,7 +240,7 @@ def _members(path: Path) -> list[str]:
         raise RecordingError(
             f"The archive holds {len(members)} files; one recording is in one to {MOST_FILES}.", title=TITLE
         )
-    check_unpacked(sum(member.file_size for member in members), path.stat().st_size)
+    check_unpacked(sum(member.file_size for member in members), path.stat().st_size, MOST_TEXT)
     for member in members:
         if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
             raise ValueError(f"{member.filename} is compressed in a way that is not read")
