@@ -25,7 +25,7 @@ from dynident.robot import Robot
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot, document_of
 from dynident_service.cli.metadata import Answers, as_proposed, read_metadata
-from dynident_service.cli.options import Beside, Reading
+from dynident_service.cli.options import Beside, TimedReading
 from dynident_service.cli.terminal import progress_bar
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def with_gains(robot: Robot, gains: str) -> Robot:
 def loaded(
     paths: Sequence[Path],
     robot: Robot,
-    reading: Reading,
+    reading: TimedReading,
     progress: Progress,
     others: Sequence[Path] = (),
     friction: Collection[Path] = (),
@@ -185,7 +185,7 @@ def read(
     title: str,
     paths: Sequence[Path],
     robot: Robot,
-    reading: Reading,
+    reading: TimedReading,
     others: Sequence[Path] = (),
     friction: Collection[Path] = (),
     *,

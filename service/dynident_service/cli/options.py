@@ -99,8 +99,8 @@ Rate = Annotated[
 
 
 @dataclass(frozen=True)
-class Reading:
-    """How measurement files are read."""
+class TimedReading:
+    """How measurement files are read that have a time, or of which the metadata state the rate."""
 
     columns: Annotated[
         list[str],
@@ -144,7 +144,6 @@ class Reading:
             "writes it; may be repeated.",
         ),
     ] = field(default_factory=list)
-    rate: Rate = None
     as_proposed: Annotated[
         bool,
         typer.Option(
@@ -158,10 +157,27 @@ class Reading:
         ),
     ] = False
 
+    @property
+    def rate(self) -> float | None:
+        """The rate of rows without time."""
+        return None
+
+
+@dataclass(frozen=True)
+class Reading(TimedReading):
+    """How measurement files are read."""
+
+    rate: Rate = None
+
 
 @dataclass(frozen=True)
 class RobotReading(Beside, Reading):
     """Both."""
+
+
+@dataclass(frozen=True)
+class RobotTimedReading(Beside, TimedReading):
+    """Both, of a command that has a rate of its own."""
 
 
 Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Where to write the result.")]

@@ -17,7 +17,7 @@ from dynident_service.routes.common import RetryKeyDep, again, make, stated
 from dynident_service.routes.forms import FormRoute
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed
-from dynident_service.routes.uploads import FURTHER, media_type_of, receive, sha256_of
+from dynident_service.routes.uploads import FURTHER, MOST_FILES, media_type_of, receive, sha256_of
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Resource, RestsOn, Retry
 from dynident_service.storage.retention import KEPT
@@ -35,7 +35,7 @@ async def import_file(
     response: Response,
     file: Annotated[UploadFile, File(description="A recording as a robot or a logger wrote it")],
     metadata: Annotated[str, Form(description="A JSON object: see ImportMetadata")],
-    further: Annotated[list[UploadFile] | None, File(description=FURTHER)] = None,
+    further: Annotated[list[UploadFile] | None, File(description=FURTHER, max_length=MOST_FILES - 1)] = None,
 ) -> ImportView:
     """Look at a file: metadata that are proposed for it, why, and what has to be answered before it can be used."""
     said = stated(ImportMetadata, metadata, "/metadata")

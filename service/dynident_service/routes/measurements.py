@@ -24,7 +24,15 @@ from dynident_service.routes.common import RetryKey, RetryKeyDep, again, make, s
 from dynident_service.routes.forms import FormRoute
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed
-from dynident_service.routes.uploads import FURTHER, MEDIA_TYPES, media_type_of, receive, require_room_for, sha256_of
+from dynident_service.routes.uploads import (
+    FURTHER,
+    MEDIA_TYPES,
+    MOST_FILES,
+    media_type_of,
+    receive,
+    require_room_for,
+    sha256_of,
+)
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
 from dynident_service.storage.tombstones import ObjectGone
@@ -68,7 +76,7 @@ async def upload_measurement(
     response: Response,
     file: Annotated[UploadFile | None, File(description="t, q…, tau… or current…, …, in any format")] = None,
     metadata: Annotated[str | None, Form(description="A JSON object: see MeasurementMetadata")] = None,
-    further: Annotated[list[UploadFile] | None, File(description=FURTHER)] = None,
+    further: Annotated[list[UploadFile] | None, File(description=FURTHER, max_length=MOST_FILES - 1)] = None,
 ) -> MeasurementView:
     """Store a recording, checked; one that cannot be used is refused with the column and the row or time.
 

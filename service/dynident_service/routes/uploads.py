@@ -7,11 +7,13 @@ from pathlib import Path, PurePath
 
 from fastapi import UploadFile
 
-from dynident.recordings.packing import pack_files
+from dynident.recordings.packing import MOST_FILES, pack_files
 from dynident_service.problems import unusable
 from dynident_service.services import Services
 from dynident_service.storage.objects import digest
 from dynident_service.storage.space import require_room
+
+__all__ = ["FURTHER", "MEDIA_TYPES", "MOST_FILES", "media_type_of", "receive", "require_room_for", "sha256_of"]
 
 FURTHER = "Further files of the same recording: signals in files of their own, joined by time or row by row"
 MEDIA_TYPES = {"csv": "text/csv", "parquet": "application/vnd.apache.parquet"}

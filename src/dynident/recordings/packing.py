@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from zipfile import ZIP_STORED, ZipFile, ZipInfo
 
+MOST_FILES = 64
+"""Files of one recording; signals of joints need fewer than ten."""
+
 
 def pack_files(files: Sequence[tuple[str, Path]], target: Path) -> None:
     """Write an archive (.zip) of files by their names; the same files give the same bytes."""

@@ -14,7 +14,7 @@ SLOPE = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Consecutive rows of a file: its columns' names, values (m, columns), the units that it states, and how it is read."""
+    """Consecutive rows of a file: its columns' names, values (m, columns), stated units, and how it was read."""
 
     names: tuple[str, ...]
     values: FloatArray

@@ -63,7 +63,7 @@ def _signal(one: Named, *, slides: bool) -> Signal | None:
         return one.signal
     if not slides or one.signal not in (None, "other"):
         return None
-    if any(word in _FORCES or word[:-1] in _FORCES and word[-1] in _LETTERS for word in one.words):
+    if any(word in _FORCES or (word[:-1] in _FORCES and word[-1] in _LETTERS) for word in one.words):
         return "tau"
     if one.unit == "N":
         return "tau"

@@ -19,12 +19,11 @@ from dynident.recordings.file_limits import MOST_TEXT, TITLE, check_columns, che
 from dynident.recordings.formats.contents import TextContent
 from dynident.recordings.joining import JoinedRows, Series, TimeJoin
 from dynident.recordings.lists import counted_names
+from dynident.recordings.packing import MOST_FILES
 from dynident.recordings.raw import FileSource, floats_of
 from dynident.recordings.sparse import is_called_time
 from dynident.recordings.types import RecordingError
 
-MOST_FILES = 64
-"""Files of one recording; signals of joints need fewer than ten."""
 _LOOKED_AT = 1000
 _WORKBOOK = "[Content_Types].xml"
 _BROKEN = (BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError, ValueError)
