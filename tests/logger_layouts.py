@@ -284,6 +284,60 @@ def no_time(folder: Path, run: Recorded) -> Path:
     return folder / "matrix.txt"
 
 
+def row_a_motor(folder: Path, run: Recorded) -> Path:
+    lines = ["timestamp_us,motor_id,pos,vel,torque"]
+    step = 1e6 * float(run.t[1] - run.t[0]) / (2 * run.n)
+    for k, t in enumerate(run.t):
+        lines += [
+            ",".join(
+                [str(round(1e6 * t + j * step)), str(j + 1), *(number(one[k, j]) for one in (run.q, run.dq, run.tau))]
+            )
+            for j in range(run.n)
+        ]
+    return written(folder / "can.csv", "\n".join([*lines, ""]))
+
+
+def order_that_changes(folder: Path, run: Recorded) -> Path:
+    """Two publishers of one topic that do not agree on the order."""
+    lines = ["time,joint_names,positions,efforts"]
+    for k, t in enumerate(run.t):
+        one = Recorded(
+            run.joints, run.t[k : k + 1], *(v[k : k + 1] for v in (run.q, run.dq, run.tau)), run.slides, run.rng
+        )
+        one = one if k % 3 else one.in_order(list(range(run.n))[::-1])
+        lines.append(f'{t:.6f},"{list(one.joints)}","{one.q[0].tolist()}","{one.tau[0].tolist()}"')
+    return written(folder / "orders.csv", "\n".join(lines))
+
+
+def record_a_topic(folder: Path, run: Recorded) -> Path:
+    run = run.shuffled()
+    lines = []
+    for k, t in enumerate(run.t.tolist()):
+        states = {"topic": "states", "t": t, "position": dict(zip(run.joints, run.q[k].tolist(), strict=True))}
+        motors = {"topic": "motors", "t": t, "torque": dict(zip(run.joints, run.tau[k].tolist(), strict=True))}
+        lines += [json.dumps(states), json.dumps(motors)]
+    return written(folder / "topics.jsonl", "\n".join(lines))
+
+
+def controller_state(folder: Path, run: Recorded) -> Path:
+    run, n, m = run.sorted(), run.n, len(run.t)
+    stamp = [str(1_700_000_000_000_000_000 + round(t * 1e9)) for t in run.t]
+    kinds = ("desired.positions", "desired.velocities", "actual.positions", "actual.velocities", "actual.effort")
+    header = ["%time", "field.header.stamp", *counted("field.joint_names{}", n)]
+    header += [f"field.{kind}{k}" for kind in kinds for k in range(n)]
+    wanted = run.q + 0.002 * run.dq
+    columns = [stamp, stamp, *([joint] * m for joint in run.joints), *cells(wanted), *cells(run.dq), *blocks(run)]
+    return written(folder / "state.csv", table(header, columns))
+
+
+def mujoco(folder: Path, run: Recorded) -> Path:
+    names = [*counted("qpos_{}", run.n), *counted("qvel_{}", run.n), *counted("ctrl_{}", run.n)]
+    header = ["time", *names, *counted("qfrc_actuator_{}", run.n)]
+    wanted = cells(run.q + 0.003 * run.dq)
+    columns = [[number(t) for t in run.t], *cells(run.q), *cells(run.dq), *wanted, *cells(run.tau)]
+    return written(folder / "mujoco.csv", table(header, columns))
+
+
 def rtde_spaces(folder: Path, run: Recorded) -> Path:
     header = [
         "timestamp",
@@ -305,6 +359,9 @@ LAYOUTS: dict[str, Callable[[Path, Recorded], Path]] = {
         rostopic, ros2_echo, bagpy, numpy_cells, bare_lists, sparse_topics, json_lines, json_array, json_columns,
         rosbridge, iso_dates, epoch, german_sheet, aligned_columns, timetable, row_a_joint, two_headers, utf16_tabs,
         gzipped, zstandard, file_a_signal, files_alike, clock_in_a_file, archive, no_time, rtde_spaces,
+        row_a_motor, order_that_changes, record_a_topic, controller_state, mujoco,
     )
 }  # fmt: skip
+BETWEEN_SAMPLES = frozenset({"sparse_topics", "file_a_signal", "row_a_motor"})
+"""Layouts whose signals have times of their own."""
 WITHOUT_TIME = frozenset({"no_time"})

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from logger_layouts import LAYOUTS, WITHOUT_TIME, Recorded
+from logger_layouts import BETWEEN_SAMPLES, LAYOUTS, WITHOUT_TIME, Recorded
 from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque
 
 from dynident.desk.reading import read_recordings
@@ -67,7 +67,7 @@ def test_a_layout_is_read_as_it_was_measured(tmp_path, layout, case):
         wrong = np.abs(measured - truth[: len(t)])
         # Between samples a signal is read in a straight line, which smooths its noise.
         assert np.quantile(wrong, 0.99) < 0.02 * np.abs(truth).max()
-        if layout not in ("sparse_topics", "file_a_signal"):
+        if layout not in BETWEEN_SAMPLES:
             assert wrong.max() < 1e-6 * np.abs(truth).max()
 
 

@@ -13,13 +13,18 @@ import pyarrow.compute as pc
 from dynident.arrays import IntArray
 from dynident.recordings.arrow import from_numbers
 from dynident.recordings.raw import FileSource, floats_of
-from dynident.recordings.written_times import are_times, to_seconds
+from dynident.recordings.written_times import are_times, is_called_time, to_seconds
 
 _COUNTED = re.compile(r"^(?P<stem>.*?)[_.\[/ ]*(?P<number>\d+)\]?$")
-_OF_NAMES = re.compile(r"^(?P<prefix>(?:.*[^A-Za-z])?)(?:joint[_ ]?names?|names?|joints?|motors?)$", re.IGNORECASE)
-_OF_TIME = re.compile(r"(?:^|[^a-z])(?:t|time|timestamp|stamp|secs?|nsecs?|nanosecs?|seq|index)$|^$", re.IGNORECASE)
+_OF_NAMES = re.compile(r"^(?P<prefix>(?:.*?[^A-Za-z])??)(?:joint[_ ]?names?|names?|joints?|motors?)$", re.IGNORECASE)
+_OF_IDS = re.compile(
+    r"(?:^|[^a-z])(?:id|(?:motor|joint|axis|servo|can|node)[_ ]?(?:id|index|number|nr)?)$", re.IGNORECASE
+)
+"""Whole numbers of motors or joints, one a row."""
+_OF_ROWS = re.compile(r"(?:^|[^a-z])(?:nsecs?|nanosecs?|seq|index)$|^$", re.IGNORECASE)
 """Columns of a row, and not of the joint that the row is of."""
 _MOST_JOINTS = 256
+_ROWS = 1000
 
 
 @dataclass(frozen=True)
@@ -101,7 +106,7 @@ class WordedSource(FileSource):
 
 def _orders(batch: pa.RecordBatch, names: Sequence[str]) -> tuple[IntArray, list[tuple[str, ...]]]:
     """Give the number (m,) of every row's combination of names, and the combinations."""
-    coded = [pc.dictionary_encode(batch.column(name).cast(pa.string()).fill_null("")) for name in names]
+    coded = [pc.dictionary_encode(_as_text(batch.column(name))) for name in names]
     codes = np.column_stack([one.indices.to_numpy(zero_copy_only=False) for one in coded])
     unique, which = np.unique(codes, axis=0, return_inverse=True)
     words = [one.dictionary.to_pylist() for one in coded]
@@ -109,12 +114,17 @@ def _orders(batch: pa.RecordBatch, names: Sequence[str]) -> tuple[IntArray, list
     return which.reshape(-1), combinations
 
 
+def _as_text(column: pa.Array) -> pa.Array:
+    """Give names as they stand there, or whole numbers without a point."""
+    if pa.types.is_floating(column.type):
+        column = column.cast(pa.int64(), safe=False)
+    return column.cast(pa.string()).fill_null("")
+
+
 def with_words(source: FileSource) -> FileSource:
     """The same file, with what its cells of words say; the same object where they say nothing."""
-    if not source.texts:
-        return source
     times = [name for name, cells in source.texts.items() if are_times(cells)]
-    named = _named(source, {name: cells for name, cells in source.texts.items() if name not in times})
+    named = _named(source, {name: cells for name, cells in source.texts.items() if name not in times} | _ids(source))
     return WordedSource(source, times, named) if times or named else source
 
 
@@ -141,11 +151,30 @@ def _a_row_a_joint(source: FileSource, texts: Mapping[str, Sequence[str]]) -> li
     """Tables that have a row for every joint and instant, with the joint's name in a column."""
     for name, cells in texts.items():
         joints = tuple(dict.fromkeys(cell for cell in cells if cell))
-        if not _OF_NAMES.match(name) or not 1 < len(joints) <= min(_MOST_JOINTS, len(cells) // 2):
+        if not (_OF_NAMES.match(name) or _OF_IDS.search(name)) or not 1 < len(joints) <= min(
+            _MOST_JOINTS, len(cells) // 2
+        ):
             continue
-        others = [other for other in source.names if other not in source.texts and not _OF_TIME.search(other)]
+        others = [
+            other
+            for other in source.names
+            if other not in (name, *source.texts) and not is_called_time(other) and not _OF_ROWS.search(other)
+        ]
         return [_Named((name,), joints, {other: (other,) for other in others})] if others else []
     return []
+
+
+def _ids(source: FileSource) -> dict[str, tuple[str, ...]]:
+    """The first cells of a column with the number of the motor that a row is of, which changes from row to row."""
+    called = next((name for name in source.names if name not in source.texts and _OF_IDS.search(name)), None)
+    batch = None if called is None else next(iter(source.batches([called])), None)
+    if called is None or batch is None:
+        return {}
+    values = floats_of(batch, called, 0)[:_ROWS]
+    # Rows of one motor stand between those of others, not in one stretch.
+    if not np.isfinite(values).all() or (values != np.rint(values)).any() or np.mean(np.diff(values) != 0) < 0.5:
+        return {}
+    return {called: tuple(str(int(value)) for value in values)}
 
 
 def _families(names: Sequence[str] | Mapping[str, object]) -> dict[str, dict[int, str]]:

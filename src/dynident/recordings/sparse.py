@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,6 +15,7 @@ from dynident.recordings.file_limits import rows_of_block
 from dynident.recordings.joining import JoinedRows, Series, TimeJoin
 from dynident.recordings.raw import FileSource, floats_of
 from dynident.recordings.types import RecordingError
+from dynident.recordings.written_times import is_called_time
 
 _LOOKED_AT = 4000
 _BLOCK_SAMPLES = 8192
@@ -25,7 +25,6 @@ _FULL = 0.7
 """Share of its rows that a signal has, from which on the others are single samples that were lost."""
 _SLOWEST = 0.03
 """Share below which a signal beside full rows is one that is held, as of a thermometer: not read between samples."""
-_TIME = re.compile(r"(?:^|[^a-z])(?:t|time|timestamp|stamp|zeit|secs?|seconds)$", re.IGNORECASE)
 _RUN = 20.0
 """Usual steps by which the time goes back where another run begins."""
 
@@ -129,11 +128,6 @@ def with_joined_rows(source: FileSource) -> FileSource:
         return source
     pattern = _pattern_of(source)
     return source if pattern is None else SparseSource(source, pattern)
-
-
-def is_called_time(name: str) -> bool:
-    """Whether a column's name is that of a time."""
-    return _TIME.search(name) is not None
 
 
 def _shown(columns: Sequence[str]) -> str:

@@ -13,6 +13,10 @@ import pyarrow.compute as pc
 from dynident.arrays import FloatArray
 from dynident.recordings.arrow import from_numbers, to_floats
 
+_NAME = re.compile(
+    r"(?:^|[^a-z])(?:t|time|timestamp|stamp|zeit|secs?|seconds)(?:[ _.]*[\[(]?(?:s|secs?|seconds|ms|us|µs|ns)[\])]?)?$",
+    re.IGNORECASE,
+)
 _DAY = 86_400.0
 _CLOCK = (
     r"^\s*(?:(?P<date>\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3})[-/. ]\d{4})[T _,]+)?"
@@ -25,6 +29,11 @@ _DURATION = r"^\s*(?P<value>[+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(?P<unit>seconds|se
 """0.005 sec, as MATLAB writes the times of a timetable."""
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+
+
+def is_called_time(name: str) -> bool:
+    """Whether a column's name is that of a time."""
+    return _NAME.search(name) is not None
 
 
 def are_times(cells: Sequence[str]) -> bool:

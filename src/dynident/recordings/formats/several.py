@@ -21,8 +21,8 @@ from dynident.recordings.joining import JoinedRows, Series, TimeJoin
 from dynident.recordings.lists import counted_names
 from dynident.recordings.packing import MOST_FILES
 from dynident.recordings.raw import FileSource, floats_of
-from dynident.recordings.sparse import is_called_time
 from dynident.recordings.types import RecordingError
+from dynident.recordings.written_times import is_called_time
 
 _LOOKED_AT = 1000
 _WORKBOOK = "[Content_Types].xml"
