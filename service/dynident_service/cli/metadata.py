@@ -19,7 +19,7 @@ _ELSEWHERE = ("name", "format", "role", "accept")
 """What is told by the file itself, or has options and commands of its own."""
 
 
-def proposed(found: Inspection) -> dict[str, object]:
+def proposed(found: Inspection, rate: float | None = None) -> dict[str, object]:
     """The metadata that are proposed, with what is still to be answered."""
     assert found.proposal is not None
     return {
@@ -27,6 +27,7 @@ def proposed(found: Inspection) -> dict[str, object]:
         "columns": dict(found.proposal.columns),
         "units": dict(found.proposal.units),
         "windows": [],
+        **({} if rate is None else {"rate": rate}),
         "effort_kind": found.proposal.effort_kind,
         "questions": [{"field": one.field, "detail": one.detail} for one in found.proposal.questions],
     }

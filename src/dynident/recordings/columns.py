@@ -259,8 +259,12 @@ class _Finder:
         whose = "" if joint is None else f" of joint {self.joint_names[joint]}"
         shown = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
         hint = ""
+        if kind == "t":
+            hint = ' Where the file has no time, say "rate": … in Hz.'
+        elif kind in ("q", "tau") and not any(name.startswith(kind) for name in self.names):
+            hint = " Where it is in another file, give the files as one recording, a.csv+b.csv."
         if all(name == f"column{number}" for number, name in enumerate(self.names, start=1)):
-            hint = " The file gives no names of the columns, so that they are counted here."
+            hint += " The file gives no names of the columns, so that they are counted here."
         elif f"{kind}0" in self.names:
             hint = f" Joints are counted from 1 here, and the file has {kind}0: map them with columns."
         return RecordingError(

@@ -74,7 +74,7 @@ def import_recording(
     """
     metadata = metadata or RecordingMetadata()
     joint_names = tuple(joints.names)
-    file = open_source(Path(source_path), metadata.format)
+    file = open_source(Path(source_path), metadata.format, metadata.rate)
     layout, torque_source = find_columns(file.names, joints, metadata)
     source = RestartingSource(file)
     destination = Path(destination_path)
@@ -106,6 +106,7 @@ def import_recording(
         surplus = surplus_columns(file.names, joints.n, metadata)
         found = [
             torque_source,
+            *(Check("layout", "ok", remark) for remark in file.remarks),
             *([] if surplus is None else [surplus]),
             *time_checks(base, layout.t.source),
             *source.checks(layout.t.source),

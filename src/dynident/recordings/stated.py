@@ -11,7 +11,7 @@ from dynident.asking import Choice, OneOf, anew, check_ranges, said
 from dynident.errors import DynidentError
 
 Windows = tuple[tuple[float, float], ...]
-Format = Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi"]
+Format = Literal["csv", "parquet", "jsonl", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi", "zip"]
 Role = Literal["identification", "validation", "friction", "payload"]
 ROLES = OneOf(
     Choice("identification", "identification"),
@@ -110,6 +110,13 @@ class RecordingMetadata:
         default=None,
         kinds=EFFORT_KINDS,
     )
+    rate: float | None = said(
+        "Rows a second, evenly spaced, of a file without time; it replaces a column t",
+        default=None,
+        unit="Hz",
+        at_least=1e-3,
+        at_most=1e6,
+    )
 
     def __post_init__(self) -> None:
         if self.effort_kind in NO_MEASUREMENT:
@@ -130,6 +137,10 @@ class RecordingMetadata:
             check_ranges(self)
         except DynidentError as error:
             raise _unusable(error.detail, error.pointer) from None
+        if self.rate is not None and self.columns.get("t", "t") != "t":
+            raise _unusable(
+                f"Both a rate and a column of time, {self.columns['t']!r}, are stated: leave one of them out.", "/rate"
+            )
         for name, pairs in (("windows", self.windows), ("exclude", self.exclude)):
             for index, (start, end) in enumerate(pairs):
                 if not (isfinite(start) and isfinite(end) and start < end):
@@ -186,6 +197,7 @@ class Revision:
     role: Role | None = anew(RecordingMetadata, "role", default=None)
     skip: tuple[ConditioningStep, ...] | None = anew(RecordingMetadata, "skip", default=None)
     name: str | None = anew(RecordingMetadata, "name", default=None)
+    rate: float | None = anew(RecordingMetadata, "rate", default=None)
 
     def of(self, metadata: RecordingMetadata) -> RecordingMetadata:
         """What is then said of the file.
@@ -227,6 +239,7 @@ class RevisionFields(TypedDict, total=False):
     role: Role | None
     skip: tuple[ConditioningStep, ...] | None
     name: str | None
+    rate: float | None
 
 
 def _written(value: object) -> str:

@@ -11,7 +11,7 @@ import typer
 from dynident.excitation.request import DesignRequest
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import FOLDER_TO_READ
-from dynident_service.cli.options import Effects, Json, RobotArgument, RobotReading, SomeFile, SomeFiles, of_file
+from dynident_service.cli.options import Effects, Json, RobotArgument, RobotTimedReading, SomeFile, SomeFiles, of_file
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def design(
     effects: Effects,
     asked: Annotated[Typed, Asks(DesignRequest)],
     beside: Beside,
-    reading: RobotReading,
+    reading: RobotTimedReading,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="Trajectory: .csv, .parquet, .yaml (ROS 2).")
     ] = Path("trajectory.csv"),

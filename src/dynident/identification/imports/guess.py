@@ -23,6 +23,7 @@ from dynident.identification.imports.facts import (
     is_counter,
     slopes,
 )
+from dynident.identification.imports.few_joints import groups_of_few_joints
 from dynident.identification.imports.fits import Fits
 from dynident.identification.imports.groups import Group, by_elimination, groups_of, hold_the_same, of_more_joints
 from dynident.identification.imports.proposal import Guess, Proposal, Question
@@ -38,6 +39,8 @@ NO_MEASUREMENT: dict[EffortKind, str] = {
     "gravity_compensated": "gravity-compensated: the load of gravity was taken out of them",
     "commanded": "commanded and not measured",
 }
+
+_TOGETHER = "give the files as one recording (q.csv+dq.csv+tau.csv)"
 
 _CLEARLY = 1.25
 """Times what the robot's dynamics have to leave of the torque in another order, for it to be refuted."""
@@ -66,6 +69,8 @@ class _Guesser:
         self.named = read_names(sample.names, sample.units)
         self.alive = changing(sample.values) if len(sample.values) else np.zeros(len(sample.names), dtype=bool)
         kind: EffortKind = "unknown"
+        for remark in self.sample.remarks:
+            self._say("rows", "joined", 0.95, remark)
         self._set_aside()
         clock = self._clock()
         if clock is None:
@@ -84,6 +89,9 @@ class _Guesser:
         if following:
             told = ", ".join(others[index].name for index in following)
             self._say("columns", told, 0.9, "not used: of joints that are not driven, which follow from those that are")
+        local += groups_of_few_joints(others, rest, self.robot)
+        in_groups = {index for group in local for index in group.columns}
+        rest = [index for index in rest if index not in in_groups]
         groups = [group.among(places) for group in local]
         groups += self._unnamed(groups, [places[index] for index in rest], n)
         position = self._position(groups)
@@ -119,10 +127,15 @@ class _Guesser:
         running = clock_like(values) if len(values) > 2 else []
         found = [one for column in running if (one := clock_of(values, column, self.named[column].unit)) is not None]
         told = [one for one in found if self.named[one.column].signal == "t"]
+        told.sort(key=lambda one: is_counter(values, one.column))
         even = [one for one in found if not is_counter(values, one.column) or self.named[one.column].signal == "t"]
         choice = next(iter(told or even or found), None)
         if choice is None:
-            self._ask("columns/t", "No column runs as a clock does: which one is the time, and in which unit?", names)
+            detail = (
+                "No column runs as a clock does: which one is the time, and in which unit? Where the file has none, "
+                f"state the rate of its rows in Hz (rate); where another file has it, {_TOGETHER}."
+            )
+            self._ask("columns/t", detail, names)
             return None
         sure = choice.sure and bool(told or even)
         if not told and is_counter(values, choice.column):
@@ -215,7 +228,10 @@ class _Guesser:
         found = sorted((group for group in groups if group.signal == "q"), key=lambda group: group.rank)
         if not found:
             more = of_more_joints(self.named, self.robot.n)
-            detail = f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more}"
+            detail = (
+                f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more} Where "
+                f"they are in another file, {_TOGETHER}."
+            )
             self._ask("columns/q", detail, self.sample.names)
             return None
         equal = [group for group in found if group.rank == found[0].rank]
@@ -233,9 +249,11 @@ class _Guesser:
         # Torque goes before current: it needs no gains.
         found.sort(key=lambda group: (group.rank, group.signal != "tau"))
         if not found:
-            self._ask(
-                "columns/tau", "No columns were recognised as torques or currents of all joints.", self.sample.names
+            detail = (
+                "No columns were recognised as torques or currents of all joints. Where they are in another file, "
+                f"{_TOGETHER}."
             )
+            self._ask("columns/tau", detail, self.sample.names)
             return None, "unknown"
         best = found[0]
         equal = [group for group in found[1:] if group.rank == best.rank and group.signal == best.signal]

@@ -36,15 +36,24 @@ class Inspection:
         return digest_of(self.path)
 
 
-def inspect_file(path: Path, robot: Robot | None) -> Inspection:
+def inspect_file(path: Path, robot: Robot | None, rate: float | None = None) -> Inspection:
     """Look at a sample of a file: at most its first 65536 rows, or 16000 of a bag.
+
+    Parameters
+    ----------
+    path : path
+        Of one file, or of several that are one recording: q.csv+dq.csv+tau.csv.
+    robot : Robot, optional
+        Whose recording it is; without it nothing is proposed.
+    rate : float, optional
+        Hz of the rows, where they have no time.
 
     Raises
     ------
     RecordingError
         For a file that cannot be read.
     """
-    sample = sample_of(path)
+    sample = sample_of(path, rate)
     return Inspection(
         path=path,
         format=format_of(path),
@@ -55,15 +64,15 @@ def inspect_file(path: Path, robot: Robot | None) -> Inspection:
     )
 
 
-def sample_of(path: Path) -> Sample:
-    """Read the first rows of a file.
+def sample_of(path: Path, rate: float | None = None) -> Sample:
+    """Read the first rows of a file, whose `rate` in Hz may be stated.
 
     Raises
     ------
     RecordingError
         For a file that cannot be read.
     """
-    source = open_source(path, None)
+    source = open_source(path, None, rate)
     parts: list[FloatArray] = []
     seen = 0
     for block in source.blocks():
@@ -72,4 +81,4 @@ def sample_of(path: Path) -> Sample:
         if seen >= source.sample_rows:
             break
     values = np.concatenate(parts) if parts else np.empty((0, len(source.names)))
-    return Sample(tuple(source.names), values, source.units)
+    return Sample(tuple(source.names), values, source.units, source.remarks)
