@@ -166,7 +166,7 @@ class _Step(NamedTuple):
 def _best(judge: Judge, robot: Robot, motion: Motion, now: Left) -> _Step | None:
     """The mistake without which least is left of a motion; None where none is told."""
     sizes = _Sizes(load_of(robot, motion), judge.frictions(motion), _excess(judge, robot, motion))
-    among = mistakes_among(now.moving, parallel_to_the_one_before(robot))
+    among = mistakes_among(now.moving, parallel_to_the_one_before(robot), np.ptp(motion.tau, axis=0) > 0)
     off = _joints_off(sizes.frictions)
     possible = [one for one in among if one.joints not in off and _may_be(one, robot, motion, sizes)]
     tried = [(one, judge.left(one.mended(motion))) for one in possible]

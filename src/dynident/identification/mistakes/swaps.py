@@ -108,13 +108,17 @@ def alone(motion: Motion, joints: tuple[int, ...]) -> Motion:
     return replace(motion, tau=tau)
 
 
-def mistakes_among(moving: BoolArray, parallel: BoolArray | None = None) -> Iterator[Mistake]:
+def mistakes_among(
+    moving: BoolArray, parallel: BoolArray | None = None, has_torque: BoolArray | None = None
+) -> Iterator[Mistake]:
     """Yield all mistakes that may have been made, those of the whole robot first.
 
     Parameters
     ----------
     moving : (n,)
         Joints that move: of the others nothing can be told.
+    has_torque : (n,), optional
+        Joints whose torque is not the same throughout: nobody has exchanged one that was not recorded.
     parallel : (n,), optional
         Joints whose axis is parallel to that of the joint before: their angle may be counted from that joint's.
     """
@@ -127,7 +131,7 @@ def mistakes_among(moving: BoolArray, parallel: BoolArray | None = None) -> Iter
     for first, second in combinations(range(len(moving)), 2):
         if moving[first] and moving[second]:
             yield from (Mistake(kind, (first, second)) for kind in _SWAPS)
-        elif moving[first] or moving[second]:
+        elif (moving[first] or moving[second]) and (has_torque is None or has_torque[[first, second]].all()):
             # Of a joint at rest nothing is told but that its column does not hold the other's torque.
             yield Mistake("torques swapped", (first, second))
     for joint in joints:
