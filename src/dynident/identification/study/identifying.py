@@ -8,7 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.equations.checks import check_recordings, check_runs, check_temperature
+from dynident.identification.equations.checks import (
+    check_joint_torques,
+    check_recordings,
+    check_runs,
+    check_temperature,
+)
 from dynident.identification.equations.data import motions_and_friction
 from dynident.identification.equations.model_equations import with_constants
 from dynident.identification.shapes.shapes import check_shapes_given
@@ -59,6 +64,7 @@ def identify(
     check_temperature(choices.effects, recordings, validation)
     check_runs(choices.effects, recordings, validation)
     ordinary, _ = motions_and_friction(recordings)
+    check_joint_torques(choices.model, ordinary)
     robot = without_unrecorded_torques(robot, ordinary)
     preprocessing = choices.preprocessing or choose_preprocessing(ordinary)
     rows, preprocessing = with_constants(choices.rows_asked, ordinary, preprocessing)
