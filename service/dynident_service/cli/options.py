@@ -125,7 +125,8 @@ class Reading:
         several(
             "--skip",
             metavar="STEP",
-            help="Do not put right what looks wrong: held_samples, idle_drives, corrupted_samples, wrapped_angles; may "
+            help="Do not put right what looks wrong: signed_registers, held_samples, idle_drives, corrupted_samples, "
+            "wrapped_angles; may "
             "be repeated.",
         ),
     ] = field(default_factory=list)

@@ -12,8 +12,8 @@ from dynident.arrays import FloatArray
 from dynident.effects import ReferenceParameters, role_of
 from dynident.effects.written import constant_in_words
 from dynident.estimation import Solution, Statistics, noise_of_rows
-from dynident.estimation.least_squares import floored
 from dynident.estimation.deviations import owed_to_known
+from dynident.estimation.least_squares import floored
 from dynident.identification.parameters.judgement import ParameterJudgement, judged
 from dynident.identification.parameters.standard import StandardParameters
 from dynident.identification.shapes.shape_constants import ShapeConstant
