@@ -141,9 +141,9 @@ def _units(recording: Recording, seen: _Seen, layout: Layout, limits: tuple[Join
             return Check(
                 "position_unit",
                 "error",
-                f"{column} runs from {low:.6g} to {high:.6g} {ours} (farthest in row {where[0]}, t = {where[1]:.6g} s), "
-                "which no unit of angles makes a joint's: it looks like the counts of an encoder. Say how many make a "
-                'turn, "units": {"q": "counts:4096"}, and behind an @ which count is zero if 0 is not: '
+                f"{column} runs from {low:.6g} to {high:.6g} {ours} (farthest in row {where[0]}, t = {where[1]:.6g} "
+                "s), which no unit of angles makes a joint's: it looks like the counts of an encoder. Say how many "
+                'make a turn, "units": {"q": "counts:4096"}, and behind an @ which count is zero if 0 is not: '
                 '"counts:4096@2048".',
                 column,
                 *where,

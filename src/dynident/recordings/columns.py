@@ -103,20 +103,11 @@ def find_columns(
     """
     finder = _Finder(names, joints, metadata)
     n, gains, coupling = joints.n, joints.known_gains, joints.coupling
-    time = finder.find("t", None)
-    if time is None:
-        raise finder.missing("t", None)
-    q = []
-    for joint in range(n):
-        position = finder.find("q", joint)
-        if position is None:
-            raise finder.missing("q", joint)
-        q.append(position)
     tau, from_current, unused, without_torque = [], list[str](), list[str](), []
     mixing = np.eye(n)
     for joint in range(n):
         if finder.has_no_torque(joint):
-            tau.append(silenced(q[joint]))
+            tau.append(silenced(finder.needed("q", joint)))
             without_torque.append(joint)
             continue
         torque, current = finder.find("tau", joint), finder.find("current", joint)
@@ -131,9 +122,9 @@ def find_columns(
         else:
             raise finder.missing("tau", joint, f" or a current ({_or('current', joints.names[joint], joint)})")
     layout = Layout(
-        t=time,
+        t=finder.needed("t", None),
         segment=finder.find_plain("segment"),
-        q=tuple(q),
+        q=tuple(finder.needed("q", joint) for joint in range(n)),
         tau=tuple(tau),
         dq=finder.find_all("dq"),
         ddq=finder.find_all("ddq"),
@@ -236,6 +227,19 @@ class _Finder:
         read = self.arrangement.read("tau", joint)
         ours = (f"tau_{self.joint_names[read]}", f"tau{read + 1}")
         return self._source(ours) == NOT_RECORDED and NOT_RECORDED not in self.names
+
+    def needed(self, kind: str, joint: int | None) -> Column:
+        """Find a column without which nothing can be read.
+
+        Raises
+        ------
+        RecordingError
+            Where the file lacks it.
+        """
+        column = self.find(kind, joint)
+        if column is None:
+            raise self.missing(kind, joint)
+        return column
 
     def find_plain(self, name: str) -> Column | None:
         """Find a column that has no unit."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,13 +25,24 @@ from dynident.identification.imports.facts import (
     slopes,
 )
 from dynident.identification.imports.fits import Fits
-from dynident.identification.imports.groups import Group, by_elimination, groups_of, hold_the_same, of_more_joints
+from dynident.identification.imports.groups import (
+    Group,
+    by_elimination,
+    groups_of,
+    hold_the_same,
+    incomplete_groups,
+    of_more_joints,
+)
 from dynident.identification.imports.proposal import Guess, Proposal, Question
 from dynident.identification.imports.unnamed import Kinds, as_counted, is_in_order, kinds_of, own_torques, whole_signals
 from dynident.identification.imports.words import read_names
 from dynident.identification.mistakes.described_units import find_units
+from dynident.recordings.checks_of_motion import MOVED
+from dynident.recordings.columns import NOT_RECORDED
+from dynident.recordings.conditioning.registers import decode_registers
 from dynident.recordings.stated import EffortKind
 from dynident.recordings.types import RecordingError
+from dynident.recordings.units import conversion
 from dynident.robot import Robot
 
 NO_MEASUREMENT: dict[EffortKind, str] = {
@@ -38,6 +50,8 @@ NO_MEASUREMENT: dict[EffortKind, str] = {
     "gravity_compensated": "gravity-compensated: the load of gravity was taken out of them",
     "commanded": "commanded and not measured",
 }
+
+_OF_JOINTS = ("q", "dq", "tau", "effort", "current")
 
 _CLEARLY = 1.25
 """Times what the robot's dynamics have to leave of the torque in another order, for it to be refuted."""
@@ -60,6 +74,7 @@ class _Guesser:
     units: dict[str, str] = field(default_factory=dict)
     guesses: list[Guess] = field(default_factory=list)
     questions: list[Question] = field(default_factory=list)
+    silent: list[int] = field(default_factory=list)
 
     def run(self) -> Proposal:
         sample, n = self.sample, self.robot.n
@@ -90,6 +105,9 @@ class _Guesser:
         effort, kind = self._effort(groups, position)
         if position is None or effort is None:
             return self._done(kind)
+        self._read_signs(position, "q")
+        self._read_signs(effort, "tau")
+        self._without_torque(effort)
         q = self._positions(position, effort)
         if q is not None:
             q, put_right = self._conditioned(position, effort, q, good)
@@ -99,6 +117,7 @@ class _Guesser:
         return self._done(kind)
 
     def _done(self, kind: EffortKind) -> Proposal:
+        self._not_of_the_robot()
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
 
     def _say(self, name: str, value: str, confidence: float, reason: str) -> None:
@@ -113,6 +132,45 @@ class _Guesser:
         if len(empty):
             names = ", ".join(self.sample.names[column] for column in empty)
             self._say("columns", names, 0.9, "not used: no row of them holds a number")
+
+    def _not_of_the_robot(self) -> None:
+        """Say which columns are signals of a joint that the robot has not: all of its joints have theirs."""
+        used = set(self.columns.values())
+        if not {"q1", f"q{self.robot.n}"} <= set(self.columns) or not {"tau1", "current1"} & set(self.columns):
+            return
+        strange = [one for one in self.named if one.signal in _OF_JOINTS and one.rank < 4 and one.name not in used]
+        known = {word for one in self.named if one.name in used for word in one.words}
+        names = [one.name for one in strange if not set(one.words) <= known]
+        if names:
+            self._say("columns", ", ".join(names), 0.8, "not used: of no joint of the robot, by their names")
+
+    def _read_signs(self, group: Group, kind: str) -> None:
+        """Read the signs of registers that the log has without, as an import does."""
+        columns = list(group.columns)
+        decoded, register = decode_registers(self.values[:, columns], self.t, kind)
+        if register is None:
+            return
+        self.values[:, columns] = decoded
+        raw = np.array(self.sample.values)
+        raw[:, columns] = register.decode(raw[:, columns])
+        self.sample = replace(self.sample, values=raw)
+        detail = f"{self._shown(group)} are registers whose sign was not read: {register}. They are read so."
+        self._say("rows/signed_registers", "put right", 0.95, detail)
+
+    def _without_torque(self, effort: Group) -> None:
+        """Take torques that hold no number for not recorded, as an import does."""
+        raw = np.array(self.sample.values)
+        for joint, column in enumerate(effort.columns):
+            if np.isfinite(raw[:, column]).any():
+                continue
+            raw[:, column] = self.values[:, column] = 0.0
+            name = self.robot.joint_names[joint]
+            told = (
+                f"{name} has no torque: its equation is left out, its motion is used; if it is a finger, --lock {name}"
+            )
+            self._say(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, told)
+            self.silent.append(joint)
+        self.sample = replace(self.sample, values=raw)
 
     def _clock(self) -> Clock | None:
         names, values = self.sample.names, self.sample.values
@@ -214,6 +272,11 @@ class _Guesser:
     def _position(self, groups: list[Group]) -> Group | None:
         found = sorted((group for group in groups if group.signal == "q"), key=lambda group: group.rank)
         if not found:
+            positions = [one for one in incomplete_groups(self.named, self.robot.joint_names) if one[0].signal == "q"]
+            if positions:
+                columns = min(positions, key=lambda one: one[0].rank)[1]
+                self._propose_lock([joint for joint in range(self.robot.n) if joint not in columns], None)
+                return None
             more = of_more_joints(self.named, self.robot.n)
             detail = f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more}"
             self._ask("columns/q", detail, self.sample.names)
@@ -228,11 +291,18 @@ class _Guesser:
         return found[0]
 
     def _effort(self, groups: list[Group], position: Group | None) -> tuple[Group | None, EffortKind]:
+        if any(one.field == "robot" for one in self.questions):
+            # Which joints the robot has is to be answered before.
+            return None, "unknown"
         found = [group for group in groups if group.signal in ("tau", "current", "effort") and group is not position]
         found = [group for group in found if self.alive[list(group.columns)].any()]
         # Torque goes before current: it needs no gains.
         found.sort(key=lambda group: (group.rank, group.signal != "tau"))
         if not found:
+            found = self._incomplete(position)
+        if not found:
+            if any(one.field == "robot" for one in self.questions):
+                return None, "unknown"
             self._ask(
                 "columns/tau", "No columns were recognised as torques or currents of all joints.", self.sample.names
             )
@@ -253,6 +323,47 @@ class _Guesser:
             self._refuse_kind(kind, self._shown(best))
         return best, kind
 
+    def _incomplete(self, position: Group | None) -> list[Group]:
+        """Torques of most joints: those of the others were not recorded, or the joints are none of the arm's."""
+        whole = [
+            one
+            for one in incomplete_groups(self.named, self.robot.joint_names)
+            if one[0].signal in ("tau", "current", "effort") and one[0].rank < 4
+        ]
+        if position is None or not whole:
+            return []
+        named, columns = min(whole, key=lambda one: (one[0].rank, one[0].signal != "tau"))
+        lacking = [joint for joint in range(self.robot.n) if joint not in columns]
+        still = [joint for joint in lacking if not self._moves(position.columns[joint])]
+        if still:
+            self._propose_lock(still, position)
+            return []
+        # A column that every joint without torque reads.
+        empty = np.full((len(self.sample.values), 1), np.nan)
+        columns_too = (*self.sample.names, NOT_RECORDED), np.hstack([self.sample.values, empty])
+        self.sample = Sample(*columns_too, self.sample.units)
+        self.values = np.column_stack([self.values, np.zeros(len(self.values))])
+        self.alive = np.append(self.alive, False)
+        members = tuple(columns.get(joint, len(self.named)) for joint in range(self.robot.n))
+        return [Group(members, named.signal, named.unit, named.rank, named, "they are of most joints, by their names")]
+
+    def _moves(self, column: int) -> bool:
+        return bool(self.alive[column]) and float(np.ptp(self.values[:, column])) > MOVED["revolute"]
+
+    def _propose_lock(self, joints: Sequence[int], position: Group | None) -> None:
+        """Ask to take joints out of the robot that do not move and have no torque."""
+        locks = []
+        for joint in joints:
+            value = 0.0 if position is None else float(np.median(self.values[:, position.columns[joint]]))
+            at = f"={value:.4g}" if 1e-3 < abs(value) < 2.0 * np.pi else ""
+            locks.append(f"{self.robot.joint_names[joint]}{at}")
+        names = ", ".join(self.robot.joint_names[joint] for joint in joints)
+        several = len(joints) > 1
+        where = (
+            "was not recorded" if position is None else f"{'stand' if several else 'stands'} still and has no torque"
+        )
+        self._ask("robot", f"{names} {where}: lock {'them' if several else 'it'}, --lock {','.join(locks)}.")
+
     def _refuse_kind(self, kind: EffortKind, shown: str) -> None:
         why = NO_MEASUREMENT[kind]
         self._ask("effort_kind", f"{shown} are {why}. Nothing can be identified from them; give the measured torque.")
@@ -272,7 +383,8 @@ class _Guesser:
                 guess = turned
             else:
                 guess = of_units.stroke_unit(q[:, index], joint.reach, units[index])
-            q[:, index] *= of_units.factor_of("q", joint.kind, guess.unit)
+            factor, offset = conversion("q", joint.kind, guess.unit, "q")
+            q[:, index] = q[:, index] * factor + offset
             if mixed or index == 0:
                 key = f"q{index + 1}" if mixed else "q"
                 self._unit(key, guess, "m" if joint.kind == "prismatic" else "rad")
@@ -283,7 +395,8 @@ class _Guesser:
             self.units[key] = guess.unit
         self._say(f"units/{key}", guess.unit, guess.confidence, guess.reason)
         if guess.confidence < of_units.SURE:
-            choices = {"q": ("rad", "deg"), "t": ("s", "ms"), "c": ("A", "mA")}.get(key[0], ("N m", "mN m"))
+            usual_ones = {"q": ("rad", "deg"), "t": ("s", "ms"), "current": ("A", "mA")}
+            choices = guess.choices or usual_ones.get(key.rstrip("0123456789"), ("N m", "mN m"))
             self._ask(f"units/{key}", f"In which unit is {key}? {guess.reason}.", choices)
 
     def _rates(self, groups: list[Group], position: Group, q: FloatArray) -> None:
@@ -409,25 +522,34 @@ class _Guesser:
             self._unit("current", guess, "A")
             return
         guess = of_units.torque_unit(self.robot, tau, effort.unit, reach)
+        if effort.signal == "effort" and effort.unit is None and guess.unit not in ("N m", "N"):
+            # Nothing calls it a torque: a current, a register, or an error of position times a gain may be as large.
+            reason = f"{guess.reason}; if it is a torque at all, and no register, or error of a controller"
+            guess = of_units.UnitGuess(guess.unit, 0.6, reason, (guess.unit, "N m"))
         for index, joint in enumerate(self.robot.joints):
             mixed = len({one.kind for one in self.robot.joints}) > 1
             if mixed or index == 0:
                 unit = guess.unit.replace(" m", "") if joint.kind == "prismatic" else guess.unit
                 key = f"tau{index + 1}" if mixed else "tau"
-                self._unit(key, of_units.UnitGuess(unit, guess.confidence, guess.reason), joint.effort_unit)
+                self._unit(
+                    key, of_units.UnitGuess(unit, guess.confidence, guess.reason, guess.choices), joint.effort_unit
+                )
 
     def _check(self, q: FloatArray, tau: FloatArray, effort: Group, *, in_si: bool) -> None:
         """Hold the columns against the robot's dynamics; where much is left, that stands first."""
         positions = [self.columns[f"q{joint + 1}"] for joint in range(self.robot.n)]
         torques = [self.sample.names[column] for column in effort.columns]
-        guesses, questions = hold_against(self.given, self.fits, q, tau, (positions, torques), in_si=in_si)
+        guesses, questions = hold_against(
+            self.given, self.fits, q, tau, (positions, torques), in_si=in_si, silent=self.silent
+        )
         first = [one for one in guesses[:1] if one.confidence < of_units.SURE and one.value.endswith("left")]
         self.guesses = [*first, *self.guesses, *guesses[len(first) :]]
         self.questions += questions
 
     def _map(self, signal: str, group: Group) -> None:
         for joint, column in enumerate(group.columns):
-            self.columns[f"{signal}{joint + 1}"] = self.sample.names[column]
+            name = self.sample.names[column]
+            self.columns[f"{'tau' if name == NOT_RECORDED else signal}{joint + 1}"] = name
         self._say(f"columns/{signal}", self._shown(group), 0.95 if group.rank < 4 else 0.6, group.reason)
 
     def _shown(self, group: Group) -> str:

@@ -52,8 +52,8 @@ def _without_torque(identification: Identification) -> list[str]:
     hidden = ", ".join(column.name for column in model.hidden)
     return [
         f"No recording has the torque of {', '.join(model.robot.joints_without_torque)}. The motion is used; what only "
-        f"the joint's own equation would show is not identifiable from this data{f': {hidden}' if hidden else ''}. What "
-        "the model says of the torque of such a joint is that of its links alone, and no data have tried it."
+        f"the joint's own equation would show is not identifiable from this data{f' ({hidden})' if hidden else ''}, "
+        "and what the model says of such a torque is that of the links alone, and was held against no data."
     ]
 
 

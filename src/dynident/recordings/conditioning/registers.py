@@ -142,6 +142,6 @@ class SignedRegisters:
 
 
 def decode_registers(raw: FloatArray, t: FloatArray, kind: str) -> tuple[FloatArray, Register | None]:
-    """Read the signs of columns (m, k) of a kind of signal at times t (m,); the register is None where they are none."""
+    """Read the signs of columns (m, k) of a kind of signal at times t (m,), if they are registers."""
     register = find_register(raw, np.diff(t) > 0.0, BITS_OF[kind])
     return (raw, None) if register is None else (register.decode(raw), register)
