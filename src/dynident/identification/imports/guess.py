@@ -445,7 +445,8 @@ class _Guesser:
             kind = by_data.kind
             if kind in ("gravity_compensated", "external", "commanded"):
                 self._refuse_kind(kind, f"{self._shown(effort)} look as if they were ({by_data.reason}); they")
-        self._say("effort_kind", kind, by_data.confidence, by_data.reason)
+        taken = "" if torque.unit in ("N m", "N") else f" (in {torque.unit})"
+        self._say("effort_kind", kind, by_data.confidence, f"{by_data.reason}{taken}")
         if effort.unit in ("permille", "percent"):
             signal = "current"
             self._map("current", effort)
@@ -524,8 +525,8 @@ class _Guesser:
         guess = of_units.torque_unit(self.robot, tau, effort.unit, reach)
         if effort.signal == "effort" and effort.unit is None and guess.unit not in ("N m", "N"):
             # Nothing calls it a torque: a current, a register, or an error of position times a gain may be as large.
-            reason = f"{guess.reason}; if it is a torque at all, and no register, or error of a controller"
-            guess = of_units.UnitGuess(guess.unit, 0.6, reason, (guess.unit, "N m"))
+            reason = f"{guess.reason}: if it is a torque at all, and no current, register or error of a controller"
+            guess = of_units.UnitGuess("N m", 0.5, reason, ("N m", guess.unit))
         for index, joint in enumerate(self.robot.joints):
             mixed = len({one.kind for one in self.robot.joints}) > 1
             if mixed or index == 0:
@@ -544,6 +545,9 @@ class _Guesser:
         )
         first = [one for one in guesses[:1] if one.confidence < of_units.SURE and one.value.endswith("left")]
         self.guesses = [*first, *self.guesses, *guesses[len(first) :]]
+        if any(one.field == "units/tau" for one in questions):
+            # By how much they are off says more than that the unit is not known.
+            self.questions = [one for one in self.questions if one.field != "units/tau"]
         self.questions += questions
 
     def _map(self, signal: str, group: Group) -> None:
