@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray
+from dynident.arrays import FloatArray
 from dynident.identification.imports import units as of_units
 from dynident.identification.imports.against_robot import hold_against
 from dynident.identification.imports.currents import question_of_gains
@@ -30,18 +28,17 @@ from dynident.identification.imports.groups import (
     by_elimination,
     groups_of,
     hold_the_same,
-    incomplete_groups,
     of_more_joints,
 )
+from dynident.identification.imports.missing_joints import columns_of_strangers, question_of_missing, torque_of_most
 from dynident.identification.imports.proposal import Guess, Proposal, Question
+from dynident.identification.imports.put_right import condition_sample
 from dynident.identification.imports.unnamed import Kinds, as_counted, is_in_order, kinds_of, own_torques, whole_signals
 from dynident.identification.imports.words import read_names
 from dynident.identification.mistakes.described_units import find_units
-from dynident.recordings.checks_of_motion import MOVED
 from dynident.recordings.columns import NOT_RECORDED
 from dynident.recordings.conditioning.registers import decode_registers
 from dynident.recordings.stated import EffortKind
-from dynident.recordings.types import RecordingError
 from dynident.recordings.units import conversion
 from dynident.robot import Robot
 
@@ -50,8 +47,6 @@ NO_MEASUREMENT: dict[EffortKind, str] = {
     "gravity_compensated": "gravity-compensated: the load of gravity was taken out of them",
     "commanded": "commanded and not measured",
 }
-
-_OF_JOINTS = ("q", "dq", "tau", "effort", "current")
 
 _CLEARLY = 1.25
 """Times what the robot's dynamics have to leave of the torque in another order, for it to be refuted."""
@@ -110,14 +105,18 @@ class _Guesser:
         self._without_torque(effort)
         q = self._positions(position, effort)
         if q is not None:
-            q, put_right = self._conditioned(position, effort, q, good)
+            rows = replace(self.sample, values=self.sample.values[good])
+            q, put_right = condition_sample(self.fits, rows, position, effort, q)
             self._rates(groups, position, q)
             kind = self._efforts(effort, q, kind)
             self.guesses += put_right
         return self._done(kind)
 
     def _done(self, kind: EffortKind) -> Proposal:
-        self._not_of_the_robot()
+        if f"q{self.robot.n}" in self.columns and {"tau1", "current1"} & set(self.columns):
+            strangers = columns_of_strangers(self.named, self.columns)
+            if strangers:
+                self._say("columns", ", ".join(strangers), 0.8, "not used: of no joint of the robot, by their names")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
 
     def _say(self, name: str, value: str, confidence: float, reason: str) -> None:
@@ -132,17 +131,6 @@ class _Guesser:
         if len(empty):
             names = ", ".join(self.sample.names[column] for column in empty)
             self._say("columns", names, 0.9, "not used: no row of them holds a number")
-
-    def _not_of_the_robot(self) -> None:
-        """Say which columns are signals of a joint that the robot has not: all of its joints have theirs."""
-        used = set(self.columns.values())
-        if not {"q1", f"q{self.robot.n}"} <= set(self.columns) or not {"tau1", "current1"} & set(self.columns):
-            return
-        strange = [one for one in self.named if one.signal in _OF_JOINTS and one.rank < 4 and one.name not in used]
-        known = {word for one in self.named if one.name in used for word in one.words}
-        names = [one.name for one in strange if not set(one.words) <= known]
-        if names:
-            self._say("columns", ", ".join(names), 0.8, "not used: of no joint of the robot, by their names")
 
     def _read_signs(self, group: Group, kind: str) -> None:
         """Read the signs of registers that the log has without, as an import does."""
@@ -166,7 +154,7 @@ class _Guesser:
             raw[:, column] = self.values[:, column] = 0.0
             name = self.robot.joint_names[joint]
             told = (
-                f"{name} has no torque: its equation is left out, its motion is used; if it is a finger, --lock {name}"
+                f"{name} has no torque: its equation is left out, its motion is used; --lock {name} if it is a finger"
             )
             self._say(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, told)
             self.silent.append(joint)
@@ -272,10 +260,9 @@ class _Guesser:
     def _position(self, groups: list[Group]) -> Group | None:
         found = sorted((group for group in groups if group.signal == "q"), key=lambda group: group.rank)
         if not found:
-            positions = [one for one in incomplete_groups(self.named, self.robot.joint_names) if one[0].signal == "q"]
-            if positions:
-                columns = min(positions, key=lambda one: one[0].rank)[1]
-                self._propose_lock([joint for joint in range(self.robot.n) if joint not in columns], None)
+            missing = question_of_missing(self.named, self.robot)
+            if missing is not None:
+                self.questions.append(missing)
                 return None
             more = of_more_joints(self.named, self.robot.n)
             detail = f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more}"
@@ -299,7 +286,7 @@ class _Guesser:
         # Torque goes before current: it needs no gains.
         found.sort(key=lambda group: (group.rank, group.signal != "tau"))
         if not found:
-            found = self._incomplete(position)
+            found = self._of_most_joints(position)
         if not found:
             if any(one.field == "robot" for one in self.questions):
                 return None, "unknown"
@@ -323,46 +310,23 @@ class _Guesser:
             self._refuse_kind(kind, self._shown(best))
         return best, kind
 
-    def _incomplete(self, position: Group | None) -> list[Group]:
+    def _of_most_joints(self, position: Group | None) -> list[Group]:
         """Torques of most joints: those of the others were not recorded, or the joints are none of the arm's."""
-        whole = [
-            one
-            for one in incomplete_groups(self.named, self.robot.joint_names)
-            if one[0].signal in ("tau", "current", "effort") and one[0].rank < 4
-        ]
-        if position is None or not whole:
+        if position is None:
             return []
-        named, columns = min(whole, key=lambda one: (one[0].rank, one[0].signal != "tau"))
-        lacking = [joint for joint in range(self.robot.n) if joint not in columns]
-        still = [joint for joint in lacking if not self._moves(position.columns[joint])]
-        if still:
-            self._propose_lock(still, position)
+        positions = self.values[:, list(position.columns)]
+        found = torque_of_most(self.named, self.robot, positions, len(self.named))
+        if isinstance(found, Question):
+            self.questions.append(found)
+        if not isinstance(found, Group):
             return []
         # A column that every joint without torque reads.
         empty = np.full((len(self.sample.values), 1), np.nan)
-        columns_too = (*self.sample.names, NOT_RECORDED), np.hstack([self.sample.values, empty])
-        self.sample = Sample(*columns_too, self.sample.units)
+        columns = (*self.sample.names, NOT_RECORDED), np.hstack([self.sample.values, empty])
+        self.sample = Sample(*columns, self.sample.units)
         self.values = np.column_stack([self.values, np.zeros(len(self.values))])
         self.alive = np.append(self.alive, False)
-        members = tuple(columns.get(joint, len(self.named)) for joint in range(self.robot.n))
-        return [Group(members, named.signal, named.unit, named.rank, named, "they are of most joints, by their names")]
-
-    def _moves(self, column: int) -> bool:
-        return bool(self.alive[column]) and float(np.ptp(self.values[:, column])) > MOVED["revolute"]
-
-    def _propose_lock(self, joints: Sequence[int], position: Group | None) -> None:
-        """Ask to take joints out of the robot that do not move and have no torque."""
-        locks = []
-        for joint in joints:
-            value = 0.0 if position is None else float(np.median(self.values[:, position.columns[joint]]))
-            at = f"={value:.4g}" if 1e-3 < abs(value) < 2.0 * np.pi else ""
-            locks.append(f"{self.robot.joint_names[joint]}{at}")
-        names = ", ".join(self.robot.joint_names[joint] for joint in joints)
-        several = len(joints) > 1
-        where = (
-            "was not recorded" if position is None else f"{'stand' if several else 'stands'} still and has no torque"
-        )
-        self._ask("robot", f"{names} {where}: lock {'them' if several else 'it'}, --lock {','.join(locks)}.")
+        return [found]
 
     def _refuse_kind(self, kind: EffortKind, shown: str) -> None:
         why = NO_MEASUREMENT[kind]
@@ -480,29 +444,6 @@ class _Guesser:
                 in_si = False
         self._check(q, tau * self._factors(signal or "tau", gains), effort, in_si=in_si)
         return kind
-
-    def _conditioned(
-        self, position: Group, effort: Group, q: FloatArray, good: BoolArray
-    ) -> tuple[FloatArray, list[Guess]]:
-        """Put right what an import will in positions (m, n) in rad or m, of the rows with a time, and say what."""
-        raw = self.sample.values[good]
-        positions, efforts = list(position.columns), list(effort.columns)
-        known = np.where(np.isfinite(raw[:, positions]), q, np.nan)
-        try:
-            right, _, checks = self.fits.condition(known, raw[:, efforts])
-        except RecordingError:
-            # What is wrong with the time is asked about elsewhere.
-            return q, []
-        names = dict(zip((f"q_{name}" for name in self.robot.joint_names), positions, strict=True))
-        names |= dict(zip((f"tau_{name}" for name in self.robot.joint_names), efforts, strict=True))
-        put_right = []
-        for check in checks:
-            if check.status != "ok":
-                detail = check.detail
-                for ours, column in names.items():
-                    detail = re.sub(rf"(?<!\w){re.escape(ours)}(?!\w)", self.sample.names[column], detail)
-                put_right.append(Guess(f"rows/{check.name}", "put right", 0.95, detail))
-        return filled(right), put_right
 
     def _factors(self, signal: str, gains: list[float | None]) -> FloatArray:
         """(n,): what makes N m or N of the effort's numbers, 1 where that is not known."""

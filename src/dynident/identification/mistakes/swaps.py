@@ -64,7 +64,7 @@ class Mistake:
     @property
     def pairs(self) -> tuple[tuple[int, int], ...]:
         """The joints that stand in each other's place."""
-        return tuple(zip(self.joints[::2], self.joints[1::2], strict=True))
+        return tuple(zip(self.joints[::2], self.joints[1::2], strict=True)) if self.is_swap else ()
 
     @property
     def is_of_positions(self) -> bool:
