@@ -16,12 +16,12 @@ from dynident.recordings.types import Check
 _FEWEST_JUMPS = 3
 """Jumps across zero that tell a register: a corrupted sample makes two."""
 
-_SMOOTHER = 0.5
-"""Share of the changes from row to row that may be left once the sign is read: a jump across zero is by more than half
-of all that the register holds, and decoding what is no register makes such jumps where there were none."""
+_JUMPS_LEFT = 0.4
+"""Share of the jumps that may be left once the sign is read: torques of friction alone jump where joints reverse."""
 
-_JUMPS_LEFT = 0.1
-"""Share of the jumps that may be left, as where a drive reverses at full load."""
+_SMOOTH = 0.1
+"""Share of the times that a signal passes the sign's place at which it may do so without a jump: one that is no
+register passes any place so."""
 
 BITS, WIDE_BITS = range(7, 32), (15, 31)
 """Bits that signs of torques stand in, of registers of 8 to 32 bits; and of positions, since one that wraps after a
@@ -75,10 +75,11 @@ def find_register(raw: FloatArray, together: BoolArray, bits: Collection[int] = 
     if bit not in bits:
         return None
     kinds = (Register(bit, is_magnitude=True), Register(bit, is_magnitude=False))
-    total, jumps = _changes(raw, together, bit)
-    tried = [(*_changes(register.decode(raw), together, bit), register) for register in kinds]
-    left, jumps_left, register = min(tried, key=lambda one: one[0])
-    is_register = jumps >= _FEWEST_JUMPS and jumps_left <= _JUMPS_LEFT * jumps and left < _SMOOTHER * total
+    jumps = _jumps(raw, together, bit)
+    left, register = min(((_jumps(one.decode(raw), together, bit), one) for one in kinds), key=lambda pair: pair[0])
+    passes = np.diff(raw >= 2.0**bit, axis=0)[together]
+    smooth = int(np.count_nonzero(passes & (np.abs(np.diff(raw, axis=0)[together]) <= 0.5 * 2.0**bit)))
+    is_register = jumps >= _FEWEST_JUMPS and left <= _JUMPS_LEFT * jumps and smooth <= _SMOOTH * passes.sum()
     return register if is_register else None
 
 
@@ -88,10 +89,9 @@ def _are_counts(raw: FloatArray) -> bool:
     return bool((known >= -_WHOLE).all() and (np.abs(known - np.rint(known)) <= _WHOLE).all())
 
 
-def _changes(values: FloatArray, together: BoolArray, bit: int) -> tuple[float, int]:
-    """Sum up the changes of values (m, k) from row to row, and count those by half of what a register holds."""
-    steps = np.abs(np.diff(values, axis=0)[together])
-    return float(np.nansum(steps)), int(np.count_nonzero(steps > 0.5 * 2.0**bit))
+def _jumps(values: FloatArray, together: BoolArray, bit: int) -> int:
+    """Count changes of values (m, k) from row to row by half of what a register holds."""
+    return int(np.count_nonzero(np.abs(np.diff(values, axis=0)[together]) > 0.5 * 2.0**bit))
 
 
 class SignedRegisters:
