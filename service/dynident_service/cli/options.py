@@ -125,7 +125,7 @@ class Reading:
         several(
             "--skip",
             metavar="STEP",
-            help="Do not put right what looks wrong: signed_registers, held_samples, idle_drives, corrupted_samples, "
+            help="Do not put right what looks wrong: registers, held_samples, idle_drives, corrupted_samples, "
             "wrapped_angles; may "
             "be repeated.",
         ),

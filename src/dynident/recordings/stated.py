@@ -41,7 +41,7 @@ EFFORT_KINDS = OneOf(
     Choice("unknown", "not known"),
 )
 
-ConditioningStep = Literal["signed_registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]
+ConditioningStep = Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]
 """What is put right in a recording unless it is said that it is right."""
 
 DELAY = "torque_delay"

@@ -113,10 +113,8 @@ class _Guesser:
         return self._done(kind)
 
     def _done(self, kind: EffortKind) -> Proposal:
-        if f"q{self.robot.n}" in self.columns and {"tau1", "current1"} & set(self.columns):
-            strangers = columns_of_strangers(self.named, self.columns)
-            if strangers:
-                self._say("columns", ", ".join(strangers), 0.8, "not used: of no joint of the robot, by their names")
+        if strangers := columns_of_strangers(self.named, self.columns, self.robot.n):
+            self._say("columns", ", ".join(strangers), 0.8, "not used: of no joint of the robot, by their names")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
 
     def _say(self, name: str, value: str, confidence: float, reason: str) -> None:
@@ -143,7 +141,7 @@ class _Guesser:
         raw[:, columns] = register.decode(raw[:, columns])
         self.sample = replace(self.sample, values=raw)
         detail = f"{self._shown(group)} are registers whose sign was not read: {register}. They are read so."
-        self._say("rows/signed_registers", "put right", 0.95, detail)
+        self._say("rows/registers", "put right", 0.95, detail)
 
     def _without_torque(self, effort: Group) -> None:
         """Take torques that hold no number for not recorded, as an import does."""
@@ -260,8 +258,7 @@ class _Guesser:
     def _position(self, groups: list[Group]) -> Group | None:
         found = sorted((group for group in groups if group.signal == "q"), key=lambda group: group.rank)
         if not found:
-            missing = question_of_missing(self.named, self.robot)
-            if missing is not None:
+            if missing := question_of_missing(self.named, self.robot):
                 self.questions.append(missing)
                 return None
             more = of_more_joints(self.named, self.robot.n)

@@ -13,14 +13,17 @@ from dynident.identification.imports.words import Named, Signal
 from dynident.recordings.checks_of_motion import MOVED
 from dynident.robot import Robot
 
+_POSITIONS: tuple[Signal, ...] = ("q",)
 _EFFORTS: tuple[Signal, ...] = ("tau", "current", "effort")
 _OF_JOINTS: tuple[Signal, ...] = ("q", "dq", *_EFFORTS)
 _AT_ZERO, _MOST = 1e-3, 2.0 * np.pi
 """rad or m: positions at which a joint is locked are told from 0, and are none of an angle in radians from 2 pi on."""
 
 
-def columns_of_strangers(named: Sequence[Named], columns: Mapping[str, str]) -> list[str]:
-    """Give the columns that are signals of joints that the robot has not, where all of its own have theirs."""
+def columns_of_strangers(named: Sequence[Named], columns: Mapping[str, str], n: int) -> list[str]:
+    """Give the columns of joints that a robot of n joints has not, where all of its own have theirs."""
+    if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
+        return []
     used = set(columns.values())
     known = {word for one in named if one.name in used for word in one.words}
     strange = [one for one in named if one.signal in _OF_JOINTS and one.rank < 4 and one.name not in used]
@@ -29,7 +32,7 @@ def columns_of_strangers(named: Sequence[Named], columns: Mapping[str, str]) -> 
 
 def question_of_missing(named: Sequence[Named], robot: Robot) -> Question | None:
     """Ask to lock joints that have no column at all; None where the positions are not those of most joints."""
-    found = _of_most_joints(named, robot, ("q",))
+    found = _of_most_joints(named, robot, _POSITIONS)
     if found is None:
         return None
     names = [name for joint, name in enumerate(robot.joint_names) if joint not in found[1]]

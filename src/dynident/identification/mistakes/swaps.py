@@ -153,7 +153,7 @@ def _of_whole_chains(moving: BoolArray, chains: Sequence[Sequence[int]]) -> Iter
     """Yield exchanges of the columns of whole chains of joints, and columns in the order from the last joint on."""
     n = len(moving)
     alike = [(one, other) for one, other in combinations(chains, 2) if len(one) == len(other) > 1]
-    exchanges = [(pair,) for pair in alike]
+    exchanges: list[tuple[tuple[Sequence[int], Sequence[int]], ...]] = [(pair,) for pair in alike]
     # Both of two pairs of legs, as where left is taken for right.
     exchanges += [both for both in combinations(alike, 2) if len({id(one) for pair in both for one in pair}) == 4]
     swaps = [[two for one, other in pairs for two in zip(one, other, strict=True)] for pairs in exchanges]

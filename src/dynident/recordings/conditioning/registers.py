@@ -97,7 +97,7 @@ def _jumps(values: FloatArray, together: BoolArray, bit: int) -> int:
 class SignedRegisters:
     """Reads the sign of torques, and of positions, that a log holds as unsigned registers."""
 
-    name = "signed_registers"
+    name = "registers"
 
     def __init__(self, signals: Signals) -> None:
         self._signals = signals

@@ -43,21 +43,21 @@ def test_torques_of_registers_are_read_with_their_sign(
     columns = given.columns(tau=unsigned(counts, bit, kind))
     accept = ("torque_scale", "torque_sign", "torque_order", "quantisation", "saturation")
     found = read(given.robot, tmp_path, columns, accept=accept)
-    (check,) = [one for one in found.checks if one.name == "signed_registers"]
+    (check,) = [one for one in found.checks if one.name == "registers"]
     assert check.status == "warning"
     assert f"jump by {2**bit if kind == 'sign bit' else 2 ** (bit + 1)} around zero" in check.detail
     np.testing.assert_allclose(signals(found)[1], counts, atol=0.02 * COUNTS[bit])
     told = {one.field: one.value for one in guess(given.robot, columns).guesses}
-    assert told["rows/signed_registers"] == "put right"
+    assert told["rows/registers"] == "put right"
 
 
 def test_registers_are_left_as_they_are_where_somebody_says_so(tmp_path: Path) -> None:
     given = log()
     raw = unsigned(counted(given, 10)[0], 10, "sign bit")
     accept = ("torque_scale", "torque_sign", "torque_order", "joint_order", "quantisation", "saturation")
-    skip = ("signed_registers", "corrupted_samples", "held_samples")
+    skip = ("registers", "corrupted_samples", "held_samples")
     found = read(given.robot, tmp_path, given.columns(tau=raw), accept=accept, skip=skip)
-    assert not [one for one in found.checks if one.name == "signed_registers"]
+    assert not [one for one in found.checks if one.name == "registers"]
     np.testing.assert_allclose(signals(found)[1], raw, atol=1e-6)
 
 
