@@ -73,8 +73,9 @@ class MeasurementOptions(TypedDict, total=False):
     """Positive factors of a joint's positions or torques: {"tau2": 0.1}"""
     signs: Mapping[str, float]
     """1 or -1 by which a joint's positions or torques are taken: {"tau2": -1}; "tau" means all joints"""
-    skip: Sequence[Literal["held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]]
-    """Steps of conditioning that are not taken: what looks held, switched off, corrupted or wrapped is right"""
+    skip: Sequence[Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]]
+    """Steps of conditioning that are not taken: what looks like a register, held, switched off, corrupted or wrapped is
+    right"""
     torque_delay: float
     """Seconds by which the file's torque is late"""
     units: Mapping[str, str]
@@ -103,8 +104,9 @@ class RevisionOptions(TypedDict, total=False):
     """Positive factors of a joint's positions or torques: {"tau2": 0.1}"""
     signs: Mapping[str, float] | None
     """1 or -1 by which a joint's positions or torques are taken: {"tau2": -1}; "tau" means all joints"""
-    skip: Sequence[Literal["held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]] | None
-    """Steps of conditioning that are not taken: what looks held, switched off, corrupted or wrapped is right"""
+    skip: Sequence[Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]] | None
+    """Steps of conditioning that are not taken: what looks like a register, held, switched off, corrupted or wrapped is
+    right"""
     torque_delay: float | None
     """Seconds by which the file's torque is late"""
     units: Mapping[str, str] | None

@@ -39,6 +39,7 @@ _REWORDED = (
     (re.compile(r'say "skip": \["(\w+)"\]'), r"say --skip \1"),
     (re.compile(r'"windows": \[\[([^,\]]+), ([^,\]]+)\]\]'), r"--windows {name}=\1:\2"),
     (re.compile(r'"units": \{"(\w+)": "([^"]+)"\}'), r"--units \1=\2"),
+    (re.compile(r'"columns": \{"(\w+)": "(\w+)"\}'), r"--columns \1=\2"),
     (re.compile(r'Name it by columns, \{"(\w+)": "…"\}'), r"Name it by --columns \1=…"),
     (re.compile(r'say "rate": …'), "say --rate HZ"),
     (re.compile(r'say "role": "friction" for'), "give it as --friction if it is"),
@@ -144,6 +145,7 @@ def _load(
             error.detail += " Or have it put right: --cure."
         # Which of the files: the science knows columns, rows and times alone.
         error.detail = f"{path.name}: {_reworded(error.detail, metadata.name)}"
+        error.checks = tuple(replace(one, detail=_reworded(one.detail, metadata.name)) for one in error.checks)
         raise
     told = tuple(replace(one, detail=_reworded(one.detail, read.metadata.name)) for one in read.checks)
     return Loaded(read.recording, told, path, read.metadata)

@@ -44,6 +44,9 @@ class Answers:
 
     def answer(self, question: Question) -> bool:
         """Whether a question is answered by them."""
+        if question.field in ("effort_kind", "units/tau") and any(_kind(one) == "current" for one in self.columns):
+            # Currents, or registers, that drive gains make torques of: their size is looked at when they are read.
+            return True
         if question.check:
             # What cannot be cured is refused when the file is read, with the same words.
             return self.cure or question.check in self.accept or (question.field in ("units/tau",) and bool(self.units))
@@ -87,7 +90,10 @@ def as_proposed(path: Path, found: Inspection, *, has_gains: bool, answers: Answ
             title="Open questions",
         )
     taken = found.proposal
-    return RecordingMetadata(columns=taken.columns, units=taken.units, effort_kind=taken.effort_kind)
+    columns = dict(taken.columns)
+    if any(_kind(one) == "current" for one in given.columns):
+        columns = {ours: theirs for ours, theirs in columns.items() if _kind(ours) != "tau"}
+    return RecordingMetadata(columns=columns, units=taken.units, effort_kind=taken.effort_kind)
 
 
 def read_metadata(given: Sequence[str], names: Sequence[str]) -> dict[str, RecordingMetadata]:

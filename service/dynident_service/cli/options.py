@@ -131,7 +131,8 @@ class TimedReading:
         several(
             "--skip",
             metavar="STEP",
-            help="Do not put right what looks wrong: held_samples, idle_drives, corrupted_samples, wrapped_angles; may "
+            help="Do not put right what looks wrong: registers, held_samples, idle_drives, corrupted_samples, "
+            "wrapped_angles; may "
             "be repeated.",
         ),
     ] = field(default_factory=list)

@@ -106,7 +106,7 @@ def show_comparison(console: Console, name: str, found: Comparison, judged: Judg
             joint,
             *error_cells(moving, errors, j, found.units[j]),
             f"{number(float(judged.noise.values[j]))} {found.units[j]}",
-            f"{judged.over_noise[j]:.1f} x",
+            f"{judged.over_noise[j]:.1f} x" if moving.counts[j] else "–",
             f"{judged.effective_samples[j]:.0f} of {len(found.t)}",
         ]
         for j, joint in enumerate(found.joint_names)
@@ -195,6 +195,8 @@ def choice_text(choice: EffectChoice, robot: Robot) -> str:
 
 def error_cells(moving: Errors, errors: Errors, joint: int, unit: str) -> list[str]:
     """Of one joint: rms and relative error where it moves, relative error on all rows."""
+    if not errors.counts[joint]:
+        return ["no torque", "–", "–"]
     if not moving.counts[joint]:
         return ["never", "–", percent(float(errors.relative[joint]))]
     rms, relative = float(moving.rms[joint]), float(moving.relative[joint])

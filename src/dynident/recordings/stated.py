@@ -41,7 +41,7 @@ EFFORT_KINDS = OneOf(
     Choice("unknown", "not known"),
 )
 
-ConditioningStep = Literal["held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]
+ConditioningStep = Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]
 """What is put right in a recording unless it is said that it is right."""
 
 DELAY = "torque_delay"
@@ -63,7 +63,9 @@ class RecordingMetadata:
     """What the user says about a file.
 
     Kinds of signals are "q", "q_command", "dq", "ddq", "tau", "current", "temperature", "base_force", "base_moment"
-    and "t"; columns are ours ("q3", "q_elbow", "base_fx"). Units are SI where nothing is said, of temperatures degC.
+    and "t"; columns are ours ("q3", "q_elbow", "base_fx"). Units are SI where nothing is said, of temperatures degC;
+    "counts:4096" are counts of an encoder, 4096 a turn, "counts:4096@2048" with zero at 2048. A torque that was not
+    recorded is the column "none".
     Columns and units are told before `permutation` ({"tau": (2, 1, 3)}), `signs` and `scale`, in which "q2" or
     "q_<joint>" means one joint and "q" all of them. `windows` and `exclude` are pairs (from, to) in s; `torque_delay`:
     the torque is read so much later than the positions of its row. `payload` is kept as it came. What checks in
@@ -90,7 +92,8 @@ class RecordingMetadata:
     torque_delay: float = said("Seconds by which the file's torque is late", default=0.0, at_least=-1, at_most=1)
     accept: tuple[str, ...] = said("Names of checks whose errors are to count as warnings", default=())
     skip: tuple[ConditioningStep, ...] = said(
-        "Steps of conditioning that are not taken: what looks held, switched off, corrupted or wrapped is right",
+        "Steps of conditioning that are not taken: what looks like a register, held, switched off, corrupted or "
+        "wrapped is right",
         default=(),
     )
     permutation: Mapping[Axis, tuple[int, ...]] = said(

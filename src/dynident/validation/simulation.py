@@ -116,8 +116,9 @@ def _torque_errors(
         return None
     smooth = [fftconvolve(tau, taps[:, None], mode="valid", axes=0) for tau in (measured, simulated)]
     rest = smooth[0] - smooth[1]
-    counts = np.full(rest.shape[1], float(len(rest)))
-    return Errors((rest**2).sum(axis=0), (smooth[0] ** 2).sum(axis=0), counts)
+    recorded = recording.has_torque & identification.model.robot.has_torque
+    counts = np.where(recorded, float(len(rest)), 0.0)
+    return Errors((rest**2).sum(axis=0) * recorded, (smooth[0] ** 2).sum(axis=0) * recorded, counts)
 
 
 def _judged(
@@ -129,7 +130,7 @@ def _judged(
             f"The longest unbroken stretch, {motion.reference.duration:.1f} s, is too short for the torque filter.",
         )
     names = identification.model.robot.joint_names
-    worst = int(np.argmax(errors.relative))
+    worst = int(np.argmax(np.where(errors.counts > 0, errors.relative, 0.0)))
     text = (
         f"Over {motion.reference.duration:.1f} s the simulated torque is {errors.relative_total:.1%} off the measured "
         f"one (largest on {names[worst]}, {errors.relative[worst]:.1%})"

@@ -83,6 +83,9 @@ def verdict(
         worst = max(one.relative_total for one in (identification.fit, identification.held_out) if one is not None)
         nothing = f"The error is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect."
     reservations = [str(one) for one in common if one.kind == "repeated"]
+    if identification.model.robot.joints_without_torque:
+        silent = ", ".join(identification.model.robot.joints_without_torque)
+        reservations.append(f"Not of {silent}, whose torque was not recorded.")
     uses = uses_of(identification, nothing or _veto(checks or {}), reservations)
     return ModelVerdict(
         uses,
