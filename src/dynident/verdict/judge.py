@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from dynident.diagnosis.comparing.content import Common, common_content
-from dynident.estimation import Errors
+from dynident.estimation import Errors, find_outlying_spans
 from dynident.html import block, listed, paragraph
 from dynident.identification import Identification
 from dynident.identification.mistakes import VETOES
@@ -122,9 +122,13 @@ def _next_steps(found: Identification, stop: Stop | None, common: Sequence[Commo
             "Look at the checks of the recordings, one by one.",
             "Compare the description with the robot: axes, gravity.",
         ]
+    steps = [
+        f"Leave out {span.start:.1f} to {span.end:.1f} s of the data of the fit, where something else acted."
+        for span in find_outlying_spans(found.data.training).spans
+    ]
     if found.held_out is None:
-        return ["Record another motion, and hold it out."]
-    steps, error = [], found.held_out.relative_total
+        return [*steps, "Record another motion, and hold it out."]
+    error = found.held_out.relative_total
     if any(one.kind == "repeated" for one in common):
         steps.append("Hold out another motion: this one is that of the fit.")
     if error > OVERFIT * found.fit.relative_total:

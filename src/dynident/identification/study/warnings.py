@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.effects import DEFAULT_EFFECTS, OFFSETS, role_of
-from dynident.estimation import equilibrated_condition_number
+from dynident.estimation import equilibrated_condition_number, find_outlying_spans
 from dynident.identification.thresholds import (
     DETERMINED,
     EQUATIONS_PER_PARAMETER,
@@ -31,6 +31,7 @@ def warnings_of(identification: Identification) -> tuple[str, ...]:
             "The inertia matrix is not positive definite in every posture: the parameters are not physically possible "
             "as they stand, so use them for prediction near the recorded motion only."
         )
+    found += _disturbed(identification)
     found += _misfit(identification)
     found += _unsettled(identification)
     found += _other_equations(identification)
@@ -41,6 +42,17 @@ def warnings_of(identification: Identification) -> tuple[str, ...]:
     if absorbed:
         found.append(f"Not separable from other parameters, and therefore left out: {', '.join(absorbed)}.")
     return tuple(found)
+
+
+def _disturbed(identification: Identification) -> list[str]:
+    """Seconds in which something else than the robot acted shift all parameters, and show in no error by themselves."""
+    return [
+        f"From {span.start:.1f} to {span.end:.1f} s of the data something else acted: there the residual is "
+        f"{np.sqrt(span.ratio):.0f} times that of all other rows once they are solved without it. A contact, a load "
+        "that was picked up, a brake, a collision, or a clock that jumped? Diagnose: it says what, and when exactly. "
+        "Leave these seconds out."
+        for span in find_outlying_spans(identification.data.training).spans
+    ]
 
 
 def _misfit(identification: Identification) -> list[str]:
