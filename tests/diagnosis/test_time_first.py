@@ -133,7 +133,7 @@ def test_a_load_that_is_carried_for_a_while_is_given_with_its_mass(seed):
 
 
 def test_an_identification_and_its_verdict_say_that_seconds_stand_out():
-    recording, model, (start, end) = case(0, pushed)
+    _, model, (start, end) = case(0, pushed)
     (warning,) = [one for one in model.warnings if "something else acted" in one]
     first, last = (float(word) for word in warning.removeprefix("From ").split(" s of ")[0].split(" to "))
     # Of the stretches that factors are kept for.

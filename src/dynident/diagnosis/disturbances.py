@@ -37,8 +37,8 @@ _EXPLAINED = 0.7
 """Share of the squared residual that one delay of all joints must explain, as much as a push has to."""
 
 _UPRIGHT = 0.85
-"""Cosine of the angle between a force and gravity from which on it may as well be a weight that was carried: 32 degrees,
-of which a load that is swung about and held with a moment takes up to 27."""
+"""Cosine of the angle between a force and gravity from which on it may as well be a weight that was carried: 32 deg.
+A load that is swung about and held by its side takes up to 27 of them."""
 
 _SMOOTH = 0.1
 """s over which the squared residual is averaged before the ends of a span are looked for."""

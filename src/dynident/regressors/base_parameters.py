@@ -104,12 +104,18 @@ def base_parameters_among(
     return select_base(w, tuple(known.names[k] for k in chosen), tolerance)
 
 
-def select_base(w: FloatArray, names: tuple[str, ...], tolerance: float = DEFAULT_TOLERANCE) -> BaseParameters:
-    """Choose independent columns of an observation matrix w (r, c), earlier columns first."""
+def select_base(
+    w: FloatArray, names: tuple[str, ...], tolerance: float = DEFAULT_TOLERANCE, n_known: int = 0
+) -> BaseParameters:
+    """Choose independent columns of an observation matrix w (r, c), earlier columns first.
+
+    The first `n_known` columns are independent already: they are kept, however little of them other states show.
+    """
     norms = np.linalg.norm(w, axis=0)
     largest = norms.max(initial=0.0)
     # Zeroed before scaling: a column of rounding errors, scaled up, would pass for an independent one.
     null = norms <= _NULL * largest
+    null[:n_known] = norms[:n_known] <= 0.0
     scaled = np.where(null, 0.0, w / np.where(null, 1.0, norms))
     basis = np.empty((w.shape[0], w.shape[1]))
     kept: list[int] = []
@@ -118,7 +124,7 @@ def select_base(w: FloatArray, names: tuple[str, ...], tolerance: float = DEFAUL
         for _ in range(2):  # twice is enough (Giraud, Langou and Rozložník 2005)
             rest -= basis[:, : len(kept)] @ (basis[:, : len(kept)].T @ rest)
         size = float(np.linalg.norm(rest))
-        if size > tolerance:
+        if size > tolerance or (k < n_known and size > 0.0):
             basis[:, len(kept)] = rest / size
             kept.append(int(k))
     grouping = np.zeros((len(kept), w.shape[1]))
