@@ -133,7 +133,7 @@ def _disturbance(span: OutlyingSpan, number: int, recording: Recording, comparis
     inside = (comparison.t >= span.start) & (comparison.t <= span.end)
     segment = comparison.segment[int(np.flatnonzero(inside)[0])] if inside.any() else 0
     inside &= comparison.segment == segment
-    usual = np.median(np.abs(residual[~inside]), axis=0) + np.finfo(float).tiny
+    usual = _usual(residual, comparison.telling & ~inside[:, None])
     power = ((residual / usual) ** 2).sum(axis=1)
     period = float(np.median(np.diff(comparison.t)))
     width = max(1, round(_SMOOTH / period))
@@ -141,7 +141,8 @@ def _disturbance(span: OutlyingSpan, number: int, recording: Recording, comparis
     rows = np.flatnonzero(inside)
     # Halfway, in decades, between what is usual outside and inside; single rows on the other side do not end it.
     level = np.sqrt(np.median(smooth[~inside]) * np.median(smooth[rows]))
-    first, last = _richest_part(np.log((smooth[rows] + np.finfo(float).tiny) / max(level, np.finfo(float).tiny)))
+    smallest = np.finfo(float).tiny
+    first, last = _richest_part(np.log(np.maximum(smooth[rows], smallest) / max(level, smallest)))
     start, end = _half_heights(comparison.t, np.sqrt(power), rows[first], rows[last])
     own = inside & (comparison.t >= start) & (comparison.t <= end)
     squares = (residual**2).sum(axis=0)
@@ -171,6 +172,14 @@ def _cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> str:
     return ""
 
 
+def _usual(residual: FloatArray, rows: BoolArray) -> FloatArray:
+    """(n,): median size of the residual (m, n) on some rows (m, n) of every joint; of one without rows, of all."""
+    sizes = [np.abs(residual[own, j]) for j, own in enumerate(rows.T)]
+    medians = np.array([float(np.median(own)) if len(own) else 0.0 for own in sizes])
+    largest = float(medians.max(initial=0.0))
+    return np.where(medians > 0.0, medians, largest if largest > 0.0 else 1.0)
+
+
 def _richest_part(values: FloatArray) -> tuple[int, int]:
     """First and last index of the part with the largest sum."""
     sums = np.concatenate([[0.0], np.cumsum(values)])
@@ -185,7 +194,7 @@ def _half_heights(t: FloatArray, size: FloatArray, first: int, last: int) -> tup
     A filter without phase makes of a step one that is at half its height where the step is.
     """
     half = 0.5 * float(np.median(size[first : last + 1]))
-    high = first + np.flatnonzero(size[first : last + 1] > half)
+    high = first + np.flatnonzero(size[first : last + 1] >= half)
     ends = []
     for k, before in ((int(high[0]), int(high[0]) - 1), (int(high[-1]), int(high[-1]) + 1)):
         if 0 <= before < len(t) and size[before] < half and abs(t[k] - t[before]) < _SMOOTH:
