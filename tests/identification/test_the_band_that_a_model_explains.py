@@ -39,9 +39,9 @@ def test_an_arm_that_rattles_is_identified_below_it_and_said_to(name, seed):
     tried = run(name, seed + 10, 1.0)[1]
     found = identify(robot, [learnt], [tried], CHOICES)
     cutoff = found.preprocessing.torque_cutoff
-    assert 2.0 <= cutoff < 12.0
-    assert found.fit.relative_total < 0.15
-    assert found.held_out.relative_total < 0.2
+    assert 4.0 <= cutoff < 15.0
+    assert found.fit.relative_total < 0.05
+    assert found.held_out.relative_total < 0.3
     assert f"Below {cutoff:g} Hz the model leaves" in found.warnings[0]
     assert "something gives" in found.preprocessing.reasons[0]
 
@@ -62,7 +62,7 @@ def test_filters_that_were_given_stay():
     assert not any("something gives" in warning for warning in found.warnings)
 
 
-@pytest.mark.parametrize("pair", [(0, 1), (1, 3)])
+@pytest.mark.parametrize("pair", [(1, 3), (1, 4)])
 def test_torques_in_another_order_are_no_matter_of_the_band(pair):
     robot = arm("ur10")
     motion = fourier_motion(robot, 12.0, 400.0, 5)

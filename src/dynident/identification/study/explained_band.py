@@ -7,27 +7,30 @@ frequency on. A spectrum does not tell that from motion: a model does, that expl
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import floor, log10
 
+import numpy as np
+
+from dynident.arrays import FloatArray
 from dynident.effects import ReferenceParameters
 from dynident.estimation import EstimationError, weighted
 from dynident.estimation.least_squares import fitted_errors
 from dynident.identification.study.result import Identification
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.choosing import OVERSAMPLING
+from dynident.recordings.spectra import spectra
 from dynident.regressors.stream import reduce_recordings
 
 POOR_FIT = 0.2
 """Share of the torque left by the fit from which on a narrower band is looked for: rigid arms with all their friction
 leave 3 to 15 %, so that their filters stay as their motion and noise ask for."""
 
-_NARROWEST = 2.0
-"""Hz, at least: below it there is little but gravity and friction."""
+_FREQUENCIES = 4001
 
-_NEARLY = 0.95
-"""Of bands in which nearly as much power of the torque is explained as in the best, the widest is taken: the optimum is
-flat below, and what the motion shows there is not to be thrown away."""
+_NARROWEST = 4.0
+"""Hz, at least: a filter below it smears a quarter of a second to either side of a reversal, so that of a joint that
+swings at 1 Hz hardly a row is left where it moves."""
 
 _BETTER = 0.7
 """Share of the error that may be left: a band in which the model is wrong as well is no better one."""
@@ -54,17 +57,16 @@ def narrow_band(found: Identification, recordings: Sequence[Recording]) -> tuple
     tried = [chosen]
     while (tried[-1].torque_cutoff or 0.0) / 2.0 >= _NARROWEST:
         tried.append(_narrower(chosen, (tried[-1].torque_cutoff or 0.0) / 2.0, recordings))
-    powers = {one: _explained(found, recordings, one, reference) for one in tried}
-    best = max(powers, key=lambda one: powers[one][0])
+    torque = _TorqueSpectrum.of(recordings)
+    errors = {one: _error(found, recordings, one, reference) for one in tried}
+    best = min(errors, key=lambda one: torque.missed(one, errors[one]))
     for factor in (2.0**0.5, 0.5**0.5):
         cutoff = (best.torque_cutoff or 0.0) * factor
-        if _NARROWEST <= cutoff < (chosen.torque_cutoff or 0.0):
+        if _NARROWEST <= cutoff < chosen.torque_cutoff:
             near = _narrower(chosen, cutoff, recordings)
-            powers[near] = _explained(found, recordings, near, reference)
-    most = max(explained for explained, _ in powers.values())
-    enough = [one for one, (explained, _) in powers.items() if explained >= _NEARLY * most]
-    narrow = max(enough, key=lambda one: one.torque_cutoff or 0.0)
-    left, before = powers[narrow][1], powers[chosen][1]
+            errors[near] = _error(found, recordings, near, reference)
+    narrow = min(errors, key=lambda one: torque.missed(one, errors[one]))
+    left, before = errors[narrow], errors[chosen]
     if narrow == chosen or left > _BETTER * before:
         return None
     why = (
@@ -84,14 +86,37 @@ def _narrower(chosen: Preprocessing, cutoff: float, recordings: Sequence[Recordi
     return Preprocessing(cutoff, cutoff, decimation, chosen.filter_order)
 
 
-def _explained(
+def _error(
     found: Identification, recordings: Sequence[Recording], band: Preprocessing, reference: ReferenceParameters
-) -> tuple[float, float]:
-    """The power of torque that the model explains below the cut-off, and the share of it that it leaves."""
+) -> float:
+    """The share of the torque below the cut-off that the model leaves; all of it where it is not determined."""
     reduction = reduce_recordings(found.model.observation, recordings, band, reference)
     try:
-        errors = fitted_errors(reduction, weighted(reduction).values)
+        return fitted_errors(reduction, weighted(reduction).values).relative_total
     except EstimationError:
-        return 0.0, 1.0
-    rows = errors.counts.clip(min=1.0)
-    return float(((errors.measured - errors.squares) / rows).sum()), errors.relative_total
+        return 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class _TorqueSpectrum:
+    """Squared torque of all joints: its mean over the recordings, and how much of it lies at each `frequency` (k,)."""
+
+    frequency: FloatArray
+    power: FloatArray
+    total: float
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording]) -> _TorqueSpectrum:
+        """The mean of all recordings, each for its samples."""
+        frequency = np.linspace(0.0, 0.5 * max(recording.sampling_rate for recording in recordings), _FREQUENCIES)
+        power, total, count = np.zeros(_FREQUENCIES), 0.0, sum(recording.n_samples for recording in recordings)
+        for recording in recordings:
+            share, found = recording.n_samples / count, spectra(recording)
+            power += share * np.interp(frequency, found.frequency, found.torque.sum(axis=1), right=0.0)
+            total += share * found.torque_squared
+        return cls(frequency, power * float(frequency[1]), total)
+
+    def missed(self, band: Preprocessing, error: float) -> float:
+        """Mean squared torque that a model does not explain: what it leaves below the cut-off, and all above it."""
+        above = float(self.power[self.frequency > (band.torque_cutoff or np.inf)].sum())
+        return error**2 * max(self.total - above, 0.0) + above
