@@ -40,6 +40,7 @@ from dynident.identification.equations.data import motions_and_friction
 from dynident.identification.study.extending import extend_at_once
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
+from dynident.recordings.poses import is_of_poses
 from dynident.threads import single_threaded
 
 _AT_FIRST = (
@@ -110,6 +111,13 @@ def examine(
 ) -> Examination:
     """Find what is missing as `diagnose` does, and keep what advice on the next experiment is made from."""
     check_candidates(candidates or ())
+    if any(is_of_poses(recording) for recording in (*recordings, *baseline)):
+        raise DynidentError(
+            "poses at rest show gravity and constant torques, which the model has; what is missing shows in motion: "
+            "record one, and identify from it",
+            pointer="/measurement_ids",
+            title="Poses at rest",
+        )
     recordings, _ = motions_and_friction(recordings)
     since: tuple[str, ...] = ()
     n_later = len(recordings)

@@ -12,6 +12,7 @@ from dynident.identification.equations.model_equations import with_constants
 from dynident.identification.shapes.shapes import check_shapes_given
 from dynident.identification.study.explained_band import narrow_band
 from dynident.identification.study.fitting import identify_model
+from dynident.identification.study.poses import are_poses, identify_poses
 from dynident.identification.study.preparing import prepared
 from dynident.identification.study.result import Identification
 from dynident.progress import Progress, part, silent
@@ -48,6 +49,8 @@ def identify(
     """
     given = choices = choices or IdentificationChoices()
     check_recordings(robot, recordings, validation)
+    if are_poses(recordings, validation):
+        return identify_poses(robot, recordings, validation, given)
     check_temperature(choices.effects, recordings, validation)
     check_runs(choices.effects, recordings, validation)
     ordinary, _ = motions_and_friction(recordings)

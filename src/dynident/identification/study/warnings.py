@@ -108,7 +108,8 @@ def _excitation(identification: Identification) -> list[str]:
             f"The condition number of W with columns of equal size is {condition:.0f}: the motion alone does not "
             f"determine the model well. {help_is}"
         )
-    if identification.equations_per_parameter < EQUATIONS_PER_PARAMETER:
+    at_rest = identification.model.is_at_rest
+    if not at_rest and identification.equations_per_parameter < EQUATIONS_PER_PARAMETER:
         found.append(
             f"There are {identification.equations_per_parameter:.0f} equations per parameter after decimation; "
             f"{EQUATIONS_PER_PARAMETER:.0f} are recommended (§12.7). A longer recording helps."
