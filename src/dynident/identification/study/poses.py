@@ -23,7 +23,7 @@ from dynident.identification.equations.data import Data
 from dynident.identification.study.concluding import conclude
 from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Identification
-from dynident.recordings import Preprocessing, Recording
+from dynident.recordings import Recording, choose_preprocessing
 from dynident.recordings.poses import is_of_poses, pose_rows
 from dynident.regressors.base_parameters import base_parameters
 from dynident.regressors.model import Model, build_model
@@ -32,7 +32,6 @@ from dynident.robot import Robot
 ACTING_AT_REST = (LINKS.effect, OFFSETS.effect, "joint_spring")
 """Effects that hold a robot which stands, and need no constant that only a motion tells."""
 
-_FILTERS = Preprocessing(None, None, 1, reasons=("Poses at rest: nothing is filtered.",))
 _MOST_STRETCHES = 100
 
 
@@ -79,18 +78,19 @@ def identify_poses(
         raise DynidentError(
             f"poses at rest show {', '.join(ACTING_AT_REST)}: choose {LINKS.effect} at least", pointer="/effects"
         )
+    filters = choose_preprocessing(recordings)
     own = replace(
-        choices, effects=effects, model="dynamic", strategy="global", preprocessing=_FILTERS, weigh_turns=False
+        choices, effects=effects, model="dynamic", strategy="global", preprocessing=filters, weigh_turns=False
     )
     model = model_at_rest(robot, effects, choices.tolerance)
     equations = reduce_poses(model, recordings)
-    data = Data(equations, equations, tuple(recordings), _FILTERS, ReferenceParameters.nothing(robot))
+    data = Data(equations, equations, tuple(recordings), filters, ReferenceParameters.nothing(robot))
     reduced = ReducedData(
         equations,
         equations,
         reduce_poses(model, validation) if validation else None,
         None,
-        _FILTERS,
+        filters,
         tuple(recording.name for recording in recordings),
         tuple(recording.name for recording in validation),
     )
