@@ -47,6 +47,9 @@ def torque_checks(
     What a model of the robot says of order and signs goes before what friction alone tells.
     """
     checks = [_saturation(sample, layout, limits), _constant(recording, sample, layout)]
+    if checks[-1].status == "warning":
+        # Motors that are off: there is nothing to hold against the motion.
+        return checks
     wrong = [check for check in checks if check.status == "error"]
     told = None if wrong and wrong[0].name != "constant_torque" else _told_by_the_robot(recording, layout, against)
     if wrong:
@@ -138,9 +141,19 @@ def _plateaus(tau: FloatArray) -> BoolArray:
 
 def _constant(recording: Recording, sample: RawSample, layout: Layout) -> Check:
     tau, q = sample.tau[sample.used], sample.q[sample.used]
+    first = int(np.flatnonzero(sample.used)[0])
+    if not tau.any() and (np.ptp(q, axis=0) > 2e-3).any():
+        return Check(
+            "constant_torque",
+            "warning",
+            "The torque is 0 in every row while the robot moves: its motors are off, or the torque was not recorded. "
+            "From a free swing only ratios can be found: inertia and friction over gravity.",
+            layout.tau[0].source,
+            int(sample.row[first]),
+            float(sample.t[first]),
+        )
     for joint in range(recording.n):
         if np.ptp(tau[:, joint]) <= 1e-9 * max(1.0, float(np.abs(tau[:, joint]).max())) and np.ptp(q[:, joint]) > 2e-3:
-            first = int(np.flatnonzero(sample.used)[0])
             return Check(
                 "constant_torque",
                 "error",

@@ -278,9 +278,18 @@ class _Guesser:
 
     def _effort(self, groups: list[Group], position: Group | None) -> tuple[Group | None, EffortKind]:
         found = [group for group in groups if group.signal in ("tau", "current", "effort") and group is not position]
+        silent = [group for group in found if not np.nan_to_num(self.values[:, list(group.columns)]).any()]
         found = [group for group in found if self.alive[list(group.columns)].any()]
         # Torque goes before current: it needs no gains.
         found.sort(key=lambda group: (group.rank, group.signal != "tau"))
+        if not found and silent:
+            self._map(silent[0].signal or "tau", silent[0])
+            detail = (
+                f"{self._shown(silent[0])} are 0 in every row: was the torque not recorded, or did the robot swing "
+                "with its motors off? Then only ratios can be found, inertia and friction over gravity."
+            )
+            self._ask("effort_kind", detail, ("joint_torque",))
+            return None, "joint_torque"
         if not found:
             self._ask(
                 "columns/tau", "No columns were recognised as torques or currents of all joints.", self.sample.names
