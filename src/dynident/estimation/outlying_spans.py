@@ -19,8 +19,9 @@ from dynident.estimation.factors import Reduction
 STANDS_OUT = 16.0
 """Ratio from which on a span is disturbed by something: four times the residual of the rest.
 
-Clean arms reach 1.5, arms with friction, springs or loads that the model lacks 4.3 (`benchmarks/outlying_spans.py`),
-a real arm that starts from rest 12; a push of a tenth of what the second joint can hold 50, and of a fifth 4,000."""
+Clean arms reach 1.4; of 100 arms with friction, springs or loads that the model lacks two reached 9 and 14, the others
+5 (`benchmarks/outlying_spans.py`); a real arm that starts from rest 12. A push of a tenth of what the second joint can
+hold reaches 50, of a fifth 4,000."""
 
 _MOST_SPANS = 3
 _MOST_SHARE = 0.5
