@@ -210,6 +210,17 @@ def test_extend_adds_what_the_diagnosis_recommends_and_the_error_falls(desk: Pat
     assert len(list(better.ladder())) == 2
 
 
+def test_a_diagnosis_that_recommends_nothing_leaves_the_model_as_it_is(
+    desk: Path, diagnosed: dict, tmp_path: Path
+) -> None:
+    told, out = tmp_path / "nothing.json", tmp_path / "same.npz"
+    told.write_text(json.dumps(diagnosed | {"recommended": []}), encoding="utf-8")
+    answer = dynident("extend", desk / "model.npz", desk / "run1.csv", "--diagnosis", told, "--out", out)
+    assert answer.code == 0, answer.err
+    assert "Nothing is added: the diagnosis recommends nothing." in " ".join(answer.out.split())
+    assert from_bytes(out.read_bytes()).choices == from_bytes((desk / "model.npz").read_bytes()).choices
+
+
 def test_what_was_added_is_removed_and_the_ladders_are_compared(desk: Path, diagnosed: dict) -> None:
     test_extend_adds_what_the_diagnosis_recommends_and_the_error_falls(desk, diagnosed)
     joint = ROBOT.joint_names[0]

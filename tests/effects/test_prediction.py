@@ -15,7 +15,7 @@ from oracles import ARMS, FloatArray, arm, crooked_urdf, pinocchio_torque, rando
 
 from dynident.effects import EffectChoice, ReferenceParameters, Signals, columns_of, reference_size
 from dynident.effects.mechanics import constant
-from dynident.effects.newton_euler import inverse_dynamics, tool_jacobian
+from dynident.effects.newton_euler import inverse_dynamics, link_jacobian
 from dynident.errors import DynidentError
 from dynident.regressors.observation import Observation
 from dynident.robot import Robot, robot_from_library, robot_from_urdf, to_pinocchio
@@ -167,7 +167,7 @@ def test_the_tools_jacobian_is_pinocchios(name: str) -> None:
     model = to_pinocchio(robot)
     data = model.createData()
     s = Signals(robot)
-    function = ca.Function("j", [s.q], [tool_jacobian(robot, s.q)])
+    function = ca.Function("j", [s.q], [link_jacobian(robot, s.q, robot.n - 1)])
     for state in states(robot, 6):
         pin.computeJointJacobians(model, data, state.q)
         expected = pin.getJointJacobian(model, data, robot.n, pin.LOCAL_WORLD_ALIGNED)

@@ -86,7 +86,11 @@ def _step(found: Identification) -> wire.StepView:
     return shown(wire.StepView, found, residual=show_fit(found))
 
 
-def _preprocessing(request: wire.IdentificationRequest, recordings: Sequence[Recording]) -> Preprocessing:
+def _preprocessing(request: wire.IdentificationRequest, recordings: Sequence[Recording]) -> Preprocessing | None:
+    """The filters that were asked for; None where all of them are left to the data and to what the model explains."""
     asked = request.preprocessing
+    given = {} if isinstance(asked, str) else asked.model_dump()
+    if all(value == "auto" for value in given.values()):
+        return None
     motions, _ = motions_and_friction(recordings)
-    return preprocessing_from_request(asked if isinstance(asked, str) else asked.model_dump(), motions)
+    return preprocessing_from_request(given, motions)

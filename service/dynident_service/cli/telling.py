@@ -65,6 +65,18 @@ def tell_rung(result: Result, found: Identification, parent_id: str, parent: Ide
     tell(result, "model", described, show, lambda: to_bytes(found))
 
 
+def tell_unchanged(result: Result, known: Identification, why: str) -> None:
+    """The same of a model that stays as it is: scripts find it where they asked for it."""
+    from dynident.identification import to_bytes
+
+    def described() -> BaseModel:
+        from dynident_service.adapters.identifications import describe_identification
+
+        return describe_identification(known, None)
+
+    tell(result, "the same model", described, lambda console: console.print(why), lambda: to_bytes(known))
+
+
 def _document(described: BaseModel | Document) -> Document:
     if isinstance(described, Mapping):
         return described

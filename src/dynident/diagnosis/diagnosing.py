@@ -14,6 +14,7 @@ from dynident.diagnosis.candidates.pool import Pool, build_pool
 from dynident.diagnosis.changes import changes_of, summary_of, together
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import sensor_noise
+from dynident.diagnosis.disturbances import leave_out_disturbances
 from dynident.diagnosis.doubts import Doubt, doubts_of
 from dynident.diagnosis.friction_since import friction_since, with_friction_differences
 from dynident.diagnosis.residuals.failure_map import failure_map
@@ -39,6 +40,7 @@ from dynident.identification.equations.data import motions_and_friction
 from dynident.identification.study.extending import extend_at_once
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
+from dynident.recordings.poses import is_of_poses
 from dynident.threads import single_threaded
 
 _AT_FIRST = (
@@ -109,12 +111,21 @@ def examine(
 ) -> Examination:
     """Find what is missing as `diagnose` does, and keep what advice on the next experiment is made from."""
     check_candidates(candidates or ())
+    if any(is_of_poses(recording) for recording in (*recordings, *baseline)):
+        raise DynidentError(
+            "poses at rest show gravity and constant torques, which the model has; what is missing shows in motion: "
+            "record one, and identify from it",
+            pointer="/measurement_ids",
+            title="Poses at rest",
+        )
     recordings, _ = motions_and_friction(recordings)
     since: tuple[str, ...] = ()
     n_later = len(recordings)
     if baseline:
         identification, recordings, since = together(identification, baseline, recordings)
     identification = _evenly(identification)
+    undisturbed = leave_out_disturbances(identification, recordings)
+    identification, recordings = undisturbed.identification, undisturbed.recordings
     model = identification.model
     comparisons = [compare(identification, recording, part(progress, 0.0, 0.1)) for recording in recordings]
     resolved = resolution(comparisons, identification.preprocessing)
@@ -146,19 +157,22 @@ def examine(
         picks, recommended = (*picks, *held), (*recommended, *(one.judged.candidate.choice for one in held))
         unknown = unknown_patterns(final) if held else unknown
     residual = _rms(final)
-    ranked = rank_all(picks, first, recommended)
+    contacts = () if candidates and "external_contact" not in candidates else undisturbed.contacts
+    pushes = tuple(finding.judged.candidate.choice for finding in contacts)
+    ranked = rank_all((*contacts, *picks), first, (*pushes, *recommended))
+    unknown = (*undisturbed.unexplained, *unknown)
     changes: tuple[Change, ...] | None = None
     friction: tuple[FrictionDifference, ...] = ()
     if baseline:
         grown = with_friction_differences(grown, since, recordings)
-        changes = changes_of(grown, picks, ranked[: len(picks)], since)
+        changes = changes_of(grown, picks, ranked[len(contacts) : len(contacts) + len(picks)], since)
         friction = friction_since(grown, since, final[-n_later:])
     # What changed is no part of the model: that is of both sets of recordings.
-    missing = tuple(choice for choice in recommended if not is_change(choice, since))
+    missing = (*pushes, *(choice for choice in recommended if not is_change(choice, since)))
     verdict = verdict_of(missing, unknown, over_noise(final, floor))
     told = [one for one in ranked if not is_change(one.choice, since)]
     hidden = (*undetermined.values(), *nothing_left(first))
-    sentences = [summary(verdict, told, unknown, residual, floor, model)]
+    sentences = [*undisturbed.sentences, summary(verdict, told, unknown, residual, floor, model)]
     if given_up:
         sentences.append(UNDETERMINED)
     if changes is not None:

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from dynident.effects.effect import Column, Effect, ParameterSpec, Refinement, ShapeSpec
-from dynident.effects.newton_euler import tool_jacobian
+from dynident.effects.newton_euler import link_jacobian
 from dynident.effects.rigid_body import base_wrench, stored_energy
 from dynident.effects.signals import Signals
 from dynident.effects.sizes import Usual, usual_force
@@ -72,14 +72,14 @@ class Payload(Effect):
 
 
 class ExternalContact(Effect):
-    """Somebody or something pushes the tool for a moment."""
+    """Somebody or something pushes a link, mostly the tool, for a moment."""
 
     id = "external_contact"
     title = "Contact with the surroundings"
     sits_on = "link"
     formula = r"-J^T f(t),\quad t_0 \le t \le t_1"
     parameters = tuple(
-        ParameterSpec(f"{kind}{axis}{part}", unit, f"{what} along {axis} of the base on the last link, {meaning}")
+        ParameterSpec(f"{kind}{axis}{part}", unit, f"{what} along {axis} of the base on the link, {meaning}")
         for part, meaning in (("", "steady"), ("h", "swelling"))
         for kind, unit, what in (("f", "N", "force"), ("m", "N m", "moment"))
         for axis in "xyz"
@@ -87,6 +87,7 @@ class ExternalContact(Effect):
     shapes = (
         ShapeSpec("t0", "s", "time when the contact begins", 0.0, proposal="burst", signed=True, may_be_zero=True),
         ShapeSpec("t1", "s", "time when the contact ends", 1.0, proposal="burst", signed=True, may_be_zero=True),
+        ShapeSpec("link", "-", "number of the link that is pushed, 0 for the last", 0.0, may_be_zero=True),
     )
     signature = "one stretch of time far above the rest"
     confused_with = ("payload",)
@@ -106,7 +107,8 @@ class ExternalContact(Effect):
         start, end = constants["t0"], constants["t1"]
         inside = (signals.time >= start) * (signals.time <= end)
         swell = inside * ca.sin(np.pi * (signals.time - start) / max(end - start, 1e-9))
-        jacobian = tool_jacobian(signals.robot, signals.q)
+        n = signals.robot.n
+        jacobian = link_jacobian(signals.robot, signals.q, min(int(constants["link"]) or n, n) - 1)
         made = []
         for k, spec in enumerate(self.parameters):
             profile = inside if k < 6 else swell

@@ -97,8 +97,8 @@ def _wrench(motion: _Motion, k: ca.SX) -> tuple[ca.SX, ca.SX]:
     return force, moment
 
 
-def tool_jacobian(robot: Robot, q: ca.SX) -> ca.SX:
-    """SX (6, n): linear and angular velocity of the last link's frame for unit joint velocities, in the base frame."""
+def link_jacobian(robot: Robot, q: ca.SX, tip: int) -> ca.SX:
+    """SX (6, n): linear and angular velocity of a link's frame for unit joint velocities, in the base frame."""
     frames = frames_of(robot, q)
     rotations: list[ca.SX] = []
     origins: list[ca.SX] = []
@@ -109,7 +109,6 @@ def tool_jacobian(robot: Robot, q: ca.SX) -> ca.SX:
         rotations.append(ca.mtimes(rotation, frame.rotation))
         origins.append(origin + ca.mtimes(rotation, frame.origin))
     jacobian = ca.SX.zeros(6, robot.n)
-    tip = robot.n - 1
     link = tip
     while link >= 0:
         joint = robot.joints[link]

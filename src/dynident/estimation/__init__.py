@@ -24,6 +24,7 @@ from dynident.estimation.least_squares import (
     weighted_factor,
 )
 from dynident.estimation.linearised import Linearised, linearised
+from dynident.estimation.outlying_spans import OutlyingSpan, OutlyingSpans, find_outlying_spans
 from dynident.estimation.statistics import CovarianceName, Statistics, freedom_of_rows, statistics
 from dynident.estimation.turned import Turned
 from dynident.estimation.turning_noise import turning_weights
@@ -44,6 +45,8 @@ __all__ = [
     "Information",
     "InstrumentalSolution",
     "Linearised",
+    "OutlyingSpan",
+    "OutlyingSpans",
     "Reduction",
     "Solution",
     "Statistics",
@@ -57,6 +60,7 @@ __all__ = [
     "eliminate",
     "equilibrated_condition_number",
     "errors",
+    "find_outlying_spans",
     "freedom_of_rows",
     "instrumental",
     "known_values",

@@ -47,6 +47,9 @@ def torque_checks(
     What a model of the robot says of order and signs goes before what friction alone tells.
     """
     checks = [_saturation(sample, layout, limits), _constant(recording, sample, layout)]
+    if checks[-1].status == "warning":
+        # Motors that are off: there is nothing to hold against the motion.
+        return checks
     wrong = [check for check in checks if check.status == "error"]
     told = None if wrong and wrong[0].name != "constant_torque" else _told_by_the_robot(recording, layout, against)
     if wrong:
@@ -138,11 +141,23 @@ def _plateaus(tau: FloatArray) -> BoolArray:
 
 def _constant(recording: Recording, sample: RawSample, layout: Layout) -> Check:
     tau, q = sample.tau[sample.used], sample.q[sample.used]
+    first = int(np.flatnonzero(sample.used)[0])
+    row, time = int(sample.row[first]), float(sample.t[first])
+    if not tau.any() and (np.ptp(q, axis=0) > 2e-3).any():
+        return Check(
+            "constant_torque",
+            "warning",
+            "The torque is 0 in every row while the robot moves: its motors are off, or the torque was not recorded. "
+            "From a free swing only ratios can be found: inertia and friction over gravity.",
+            layout.tau[0].source,
+            row,
+            time,
+        )
     varies = np.ptp(tau, axis=0) > 1e-9 * np.maximum(1.0, np.abs(tau).max(axis=0))
     constant = np.flatnonzero(~varies & (np.ptp(q, axis=0) > 2e-3) & recording.has_torque)
     if not len(constant):
         return Check("constant_torque", "ok", "Every torque varies.")
-    joint, first = int(constant[0]), int(np.flatnonzero(sample.used)[0])
+    joint = int(constant[0])
     detail = (
         f"{layout.tau[joint].source} is {tau[0, joint]:.4g} in every row from row {sample.row[first]} on, "
         f"while {layout.q[joint].source} moves: the torque was not recorded."
@@ -153,7 +168,6 @@ def _constant(recording: Recording, sample: RawSample, layout: Layout) -> Check:
         names = " and ".join(recording.joint_names[one] for one in constant)
         detail += f' To leave the equation of {names} out and use the motion all the same, say "columns": {{{told}}}.'
         cure = Revision(columns={f"tau{one + 1}": NOT_RECORDED for one in constant})
-    row, time = int(sample.row[first]), float(sample.t[first])
     return Check("constant_torque", "error", detail, layout.tau[joint].source, row, time, cure)
 
 

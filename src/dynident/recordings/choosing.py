@@ -11,6 +11,7 @@ import numpy as np
 from scipy import special
 
 from dynident.arrays import FloatArray
+from dynident.recordings.poses import is_of_poses
 from dynident.recordings.preprocessing import Preprocessing, values_from_request
 from dynident.recordings.spectra import Spectra, spectra
 from dynident.recordings.types import Recording, RecordingError
@@ -80,6 +81,8 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     """
     if not recordings:
         raise ValueError("no recordings to choose from")
+    if all(is_of_poses(recording) for recording in recordings):
+        return Preprocessing(None, None, 1, reasons=("Poses at rest: nothing is filtered.",))
     found = [_bands_of(recording) for recording in recordings]
     rate = min(recording.sampling_rate for recording in recordings)
     motion = max(bands.motion for bands in found)

@@ -17,6 +17,7 @@ from dynident.recordings.columns import Column, Layout, find_columns, surplus_co
 from dynident.recordings.conditioning import Conditioning
 from dynident.recordings.formats import open_source
 from dynident.recordings.missing_torque import torques_not_recorded, without_empty_torques
+from dynident.recordings.poses import POSES, pose_checks, read_poses, write_poses
 from dynident.recordings.raw import RawRows, RawSource
 from dynident.recordings.restarts import RestartingSource
 from dynident.recordings.revisions import windows_without
@@ -85,11 +86,15 @@ def import_recording(
     try:
         base = scan_time(source, layout, metadata.windows, part(progress, 0.0, 0.2))
         used = windows_without(metadata.windows, metadata.exclude, base.first, base.last)
+        poses = read_poses(source, layout, base)
         with ParquetSink(temporary, joint_names, layout.kinds) as sink:
             conditioning = Conditioning(layout, joints.known_limits, base, metadata.skip)
-            segments, sample = _convert(
-                source, layout, base, replace(metadata, windows=used), sink, part(progress, 0.2, 0.8), conditioning
-            )
+            if poses is None:
+                segments, sample = _convert(
+                    source, layout, base, replace(metadata, windows=used), sink, part(progress, 0.2, 0.8), conditioning
+                )
+            else:
+                segments = write_poses(poses, sink)
             recording = Recording(
                 name=metadata.name,
                 joint_names=joint_names,
@@ -97,7 +102,7 @@ def import_recording(
                 segments=segments,
                 source=_stored(temporary, joint_names, layout),
                 windows=used,
-                role=metadata.role,
+                role=metadata.role if poses is None else POSES,
                 payload=metadata.payload,
                 has_temperature=bool(layout.temperature),
                 path=temporary,
@@ -112,11 +117,12 @@ def import_recording(
             *(Check("layout", "ok", remark) for remark in file.remarks),
             *([] if surplus is None else [surplus]),
             *torques_not_recorded(layout, joint_names),
-            *time_checks(base, layout.t.source),
-            *source.checks(layout.t.source),
-            *conditioning.checks(),
         ]
-        checks = run_checks(recording, sample, layout, joints.known_limits, tuple(found), metadata, against)
+        if poses is None:
+            found += [*time_checks(base, layout.t.source), *source.checks(layout.t.source), *conditioning.checks()]
+            checks = run_checks(recording, sample, layout, joints.known_limits, tuple(found), metadata, against)
+        else:
+            checks = (*found, *pose_checks(poses, base))
         progress(1.0, "stored")
         os.replace(temporary, destination)
     except BaseException:
@@ -188,7 +194,11 @@ def recording_from_arrays(
     metadata = RecordingMetadata(name=name, windows=windows)
     base = scan_time(source, layout, windows)
     sink = ArraySink()
-    segments, _ = _convert(source, layout, base, metadata, sink, silent)
+    poses = read_poses(source, layout, base)
+    if poses is None:
+        segments, _ = _convert(source, layout, base, metadata, sink, silent)
+    else:
+        segments = write_poses(poses, sink)
     values = sink.values()
     q, tau = (values[:, layout.place(kind)] for kind in ("q", "tau"))
     optional = ((kind, getattr(layout, kind)) for kind in ("temperature", "wrench", "q_command"))
@@ -200,6 +210,7 @@ def recording_from_arrays(
         segments=segments,
         source=ArraySource(q, tau, *rest),
         windows=windows,
+        role=None if poses is None else POSES,
         has_temperature=further.temperature is not None,
         has_wrench=further.wrench is not None,
         has_command=further.command is not None,

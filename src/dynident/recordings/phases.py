@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.filtering import READ_LENGTH
+from dynident.recordings.poses import is_of_poses
 from dynident.recordings.preprocessing import Preprocessing
 from dynident.recordings.types import Recording
 
@@ -170,6 +171,8 @@ def phases_of_others(recording: Recording, positions: Callable[[FloatArray], Flo
 
 def phase_shares(recording: Recording) -> PhaseShares:
     """How much of a recording, inside its windows, every joint stands or turns round: as recorded, without filters."""
+    if is_of_poses(recording):
+        return PhaseShares(np.ones(recording.n), np.zeros(recording.n))
     phases = phases_of(recording)
     # Halts begin and end at samples: only rounding is between them.
     width = 1e-3 * recording.period

@@ -23,7 +23,8 @@ class Spectra:
     """One-sided power spectral densities at `frequency` (k,) in Hz, one column a joint (k, n), windows' rows only.
 
     `velocity`: of q̇ [(rad/s)²/Hz]; `noise` (n,): the floor of q [rad²/Hz], white, seen at the highest frequencies;
-    `torque`: of τ [(N m)²/Hz]. They are means over `windows` stretches.
+    `torque`: of τ [(N m)²/Hz] about its mean. They are means over `windows` stretches, as is `torque_squared`: τ² in
+    (N m)², of all joints together, its mean included.
     """
 
     frequency: FloatArray
@@ -32,6 +33,7 @@ class Spectra:
     torque: FloatArray
     rate: float
     windows: int
+    torque_squared: float = 0.0
 
     @property
     def velocity_gain(self) -> FloatArray:
@@ -63,6 +65,7 @@ def spectra(recording: Recording) -> Spectra:
     scale = 2.0 / (recording.sampling_rate * float((taper**2).sum()))
     taper = taper[:, None]
     velocity = torque = np.zeros((length // 2 + 1, recording.n))
+    squared = 0.0
     for start in starts:
         q, tau = _read(recording, start, length)
         speed = np.empty_like(q)
@@ -70,6 +73,7 @@ def spectra(recording: Recording) -> Spectra:
         speed[0] = speed[1]
         # Velocity instead of position: its spectrum is level enough not to leak through the window.
         velocity = velocity + scale * np.abs(fft.rfft(taper * speed, axis=0)) ** 2
+        squared += float((tau**2).sum()) / length
         torque = torque + scale * np.abs(fft.rfft(taper * (tau - tau.mean(axis=0)), axis=0)) ** 2
     frequency = fft.rfftfreq(length, 1.0 / recording.sampling_rate)
     velocity, torque = velocity / len(starts), torque / len(starts)
@@ -78,7 +82,8 @@ def spectra(recording: Recording) -> Spectra:
     # Median over mean of a chi-squared density, of two degrees of freedom for every window.
     bias = float(special.gammaincinv(len(starts), 0.5)) / len(starts)
     noise = np.median(velocity[high] / gain[high, None], axis=0) / bias
-    return Spectra(frequency, velocity, noise, torque, recording.sampling_rate, len(starts))
+    count = len(starts)
+    return Spectra(frequency, velocity, noise, torque, recording.sampling_rate, count, squared / count)
 
 
 def used_runs(recording: Recording) -> Sequence[tuple[int, int]]:

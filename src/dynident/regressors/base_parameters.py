@@ -66,7 +66,13 @@ class BaseParameters:
 
 
 def base_parameters(
-    robot: Robot, columns: Sequence[Column], signals: Signals, *, tolerance: float = DEFAULT_TOLERANCE, seed: int = 0
+    robot: Robot,
+    columns: Sequence[Column],
+    signals: Signals,
+    *,
+    tolerance: float = DEFAULT_TOLERANCE,
+    seed: int = 0,
+    at_rest: bool = False,
 ) -> BaseParameters:
     """Choose the base parameters of a set of columns.
 
@@ -79,9 +85,12 @@ def base_parameters(
         The symbols that the columns are made of.
     tolerance : float
         Share of a column's norm that may be left outside the kept ones for it to count as dependent.
+    at_rest : bool
+        Whether only what shows while the robot stands is kept.
     """
     observation = Observation.of(robot, columns, signals)
-    w = random_observation(observation, _STATES_PER_COLUMN * len(columns) // robot.n + 20, seed)
+    n_states = _STATES_PER_COLUMN * len(columns) // robot.n + 20
+    w = random_observation(observation, n_states, seed, at_rest=at_rest)
     return select_base(w, tuple(column.name for column in columns), tolerance)
 
 
@@ -104,12 +113,18 @@ def base_parameters_among(
     return select_base(w, tuple(known.names[k] for k in chosen), tolerance)
 
 
-def select_base(w: FloatArray, names: tuple[str, ...], tolerance: float = DEFAULT_TOLERANCE) -> BaseParameters:
-    """Choose independent columns of an observation matrix w (r, c), earlier columns first."""
+def select_base(
+    w: FloatArray, names: tuple[str, ...], tolerance: float = DEFAULT_TOLERANCE, n_known: int = 0
+) -> BaseParameters:
+    """Choose independent columns of an observation matrix w (r, c), earlier columns first.
+
+    The first `n_known` columns are independent already: they are kept, however little of them other states show.
+    """
     norms = np.linalg.norm(w, axis=0)
     largest = norms.max(initial=0.0)
     # Zeroed before scaling: a column of rounding errors, scaled up, would pass for an independent one.
     null = norms <= _NULL * largest
+    null[:n_known] = norms[:n_known] <= 0.0
     scaled = np.where(null, 0.0, w / np.where(null, 1.0, norms))
     basis = np.empty((w.shape[0], w.shape[1]))
     kept: list[int] = []
@@ -118,7 +133,7 @@ def select_base(w: FloatArray, names: tuple[str, ...], tolerance: float = DEFAUL
         for _ in range(2):  # twice is enough (Giraud, Langou and Rozložník 2005)
             rest -= basis[:, : len(kept)] @ (basis[:, : len(kept)].T @ rest)
         size = float(np.linalg.norm(rest))
-        if size > tolerance:
+        if size > tolerance or (k < n_known and size > 0.0):
             basis[:, len(kept)] = rest / size
             kept.append(int(k))
     grouping = np.zeros((len(kept), w.shape[1]))
@@ -149,7 +164,7 @@ def _pivoted_rank(scaled: FloatArray, tolerance: float) -> int:
     return int(np.count_nonzero(diagonal > tolerance * diagonal[0])) if diagonal[0] > 0 else 0
 
 
-def random_observation(observation: Observation, n_states: int, seed: int = 0) -> FloatArray:
+def random_observation(observation: Observation, n_states: int, seed: int = 0, *, at_rest: bool = False) -> FloatArray:
     """The observation matrix (n_states · its rows, c) at random states, dense: small, for structure only."""
     rng = np.random.default_rng(seed)
     robot = observation.robot
@@ -165,6 +180,8 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0) -
     # Half the states at rest: what depends on position alone must not hide behind large accelerations.
     dq[::4] *= 0.05
     ddq[::4] = 0.0
+    if at_rest:
+        dq, ddq, dddq, ddddq = (np.zeros((n_states, n)) for _ in range(4))
     times, temperature = _times(observation, n_states, rng), rng.uniform(15, 45, (n_states, n))
     entries = observation.evaluate(
         q,

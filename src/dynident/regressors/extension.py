@@ -33,7 +33,8 @@ def extended_model(known: Model, added: Sequence[EffectChoice], *, tolerance: fl
     whole = known.observation.extended(new, known.signals)
     n_states = _STATES_PER_COLUMN * whole.n_columns // known.robot.n + 20
     names = tuple(column.name for column in whole.columns)
-    found = select_base(random_observation(whole, n_states), names, tolerance)
+    # At other states a column that is nearly dependent may pass for a dependent one: those of the model stay.
+    found = select_base(random_observation(whole, n_states), names, tolerance, known.n_parameters)
     fresh = [k - known.n_parameters for k in found.kept if k >= known.n_parameters]
     observation = whole
     if len(fresh) < len(new):

@@ -67,6 +67,14 @@ class Model:
         return self.base.count
 
     @property
+    def is_at_rest(self) -> bool:
+        """Whether it has links, and of these nothing but what shows while the robot stands: no moment of inertia."""
+        links = [column for column in self.columns if role_of(column) == "link"]
+        return bool(links) and not any(
+            role_of(column) == "link" and column.parameter in INERTIAL_NAMES[:6] for column in self.kept
+        )
+
+    @property
     def needs_load(self) -> bool:
         """Whether a column rests on the load torque that the rigid body predicts."""
         return any(effect_by_id(choice.effect).needs_load for choice in self.effects)

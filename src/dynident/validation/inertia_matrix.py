@@ -60,6 +60,9 @@ def validate_inertia_matrix(
     if not any(effect_by_id(column.effect).is_inertia for column in model.kept):
         judged = Judged("not_evaluated", "The model has no inertial parameters: there is no inertia matrix.")
         return InertiaMatrixValidation(model.robot.joint_names, None, None, None, None, 0, judged)
+    if model.is_at_rest:
+        judged = Judged("not_evaluated", "The model is one of poses at rest, which tell nothing of the inertia matrix.")
+        return InertiaMatrixValidation(model.robot.joint_names, None, None, None, None, 0, judged)
     search = _Search(model, values)
     postures = random_postures(model.robot, _SAMPLES, seed)
     progress(0.0, "sampling postures")

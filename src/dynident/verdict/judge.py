@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from dynident.diagnosis.comparing.content import Common, common_content
-from dynident.estimation import Errors
+from dynident.estimation import Errors, find_outlying_spans
 from dynident.html import block, listed, paragraph
 from dynident.identification import Identification
 from dynident.identification.mistakes import VETOES
-from dynident.identification.thresholds import OVERFIT, STOP, USUAL, USUAL_IN_FULL
+from dynident.identification.thresholds import LARGEST_ERROR, OVERFIT, STOP, USUAL, USUAL_IN_FULL
 from dynident.recordings import Check, Recording
 from dynident.threads import single_threaded
 from dynident.verdict.stopping import Stop, stop_of, tells_stop
@@ -76,12 +76,16 @@ def verdict(
         nothing, however small its errors are: a wrong scale is fitted as well as the right one.
     """
     common = common_content(recordings, validation)
-    stop = stop_of(identification, recordings, validation, common)
+    at_rest = identification.model.is_at_rest
+    # What is looked for in the columns of a stopped model shows in motion alone.
+    stop = None if at_rest else stop_of(identification, recordings, validation, common)
     copied = [one for one in common if one.kind == "copied"]
     nothing = " ".join(map(str, copied))
     if not copied and stop is not None:
         worst = max(one.relative_total for one in (identification.fit, identification.held_out) if one is not None)
         nothing = f"The error is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect."
+    if at_rest:
+        nothing = _of_poses(identification)
     reservations = [str(one) for one in common if one.kind == "repeated"]
     if identification.model.robot.joints_without_torque:
         silent = ", ".join(identification.model.robot.joints_without_torque)
@@ -108,6 +112,14 @@ def _veto(checks: Mapping[str, Sequence[Check]]) -> str:
     return against[0] if against else ""
 
 
+def _of_poses(found: Identification) -> str:
+    """What a model of poses at rest is good for."""
+    errors = found.fit if found.held_out is None else found.held_out
+    error, of = errors.relative_total, "poses of the fit" if found.held_out is None else "held-out poses"
+    able = "Fit for gravity compensation" if error <= LARGEST_ERROR else "Not even fit for gravity compensation"
+    return f"{able}: {error:.1%} of the torque of {of} is left. Poses at rest tell nothing of motion."
+
+
 def is_stopped(identification: Identification) -> bool:
     """Whether a model is not to be used, by its errors alone."""
     return tells_stop(identification.held_out) or tells_stop(identification.fit)
@@ -125,9 +137,15 @@ def _next_steps(found: Identification, stop: Stop | None, common: Sequence[Commo
             "Look at the checks of the recordings, one by one.",
             "Compare the description with the robot: axes, gravity.",
         ]
+    steps = [
+        f"Leave out {span.start:.1f} to {span.end:.1f} s of the data of the fit, where something else acted."
+        for span in find_outlying_spans(found.data.training).spans
+    ]
+    if found.model.is_at_rest:
+        return ["Record a designed motion to identify the dynamics."]
     if found.held_out is None:
-        return ["Record another motion, and hold it out."]
-    steps, error = [], found.held_out.relative_total
+        return [*steps, "Record another motion, and hold it out."]
+    error = found.held_out.relative_total
     if any(one.kind == "repeated" for one in common):
         steps.append("Hold out another motion: this one is that of the fit.")
     if error > OVERFIT * found.fit.relative_total:

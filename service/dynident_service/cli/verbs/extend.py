@@ -39,7 +39,12 @@ def extend(
     robot = identification.model.robot
     added = inputs.effects_of(effects, robot)
     if diagnosis is not None:
-        added += inputs.stored_diagnosis(diagnosis).recommended
+        stored = inputs.stored_diagnosis(diagnosis)
+        added += stored.recommended
+        if not added:
+            why = f"Nothing is added: the diagnosis recommends nothing. {stored.summary}"
+            telling.tell_unchanged(result, identification, why)
+            return
     if not added:
         raise DynidentError("say what to add: --effects, or --diagnosis with a file", pointer="--effects")
     with inputs.read("extend", measurements, robot, reading, validation) as read:

@@ -216,11 +216,7 @@ def _shows(effect: Effect, choice: EffectChoice, model: Model) -> bool:
 def _whole_robot(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
     """Choices of an effect that belongs to the whole robot."""
     if effect.proposal == "burst":
-        names = [spec.name for spec in effect.shapes]
-        return [
-            EffectChoice(effect.id, (), _key(dict(zip(names, (start, end), strict=True))), (run,))
-            for run, start, end in leads.bursts
-        ]
+        return [EffectChoice(effect.id, (), _key({"t0": start, "t1": end}), (run,)) for run, start, end in leads.bursts]
     if any(choice.effect == effect.id for choice in model.effects) and effect.proposal == "grid":
         return []
     if effect.proposal == "time_spectrum":

@@ -14,10 +14,12 @@ from dynident.errors import DynidentError
 from dynident.estimation import Errors, distance_to_band
 from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Identification
+from dynident.identification.study.poses import entries_at_rest
 from dynident.identification.study.prediction import prediction_deviation
 from dynident.progress import Progress, silent
 from dynident.recordings import Recording, SampleBlock
 from dynident.recordings.phases import Phase, PhaseArray
+from dynident.recordings.poses import is_of_poses, pose_rows
 from dynident.regressors.row_phases import RowPhases, changed_at_rest
 from dynident.regressors.stream import SampleFunction, parallel_filtered
 from dynident.threads import single_threaded
@@ -238,6 +240,9 @@ def _parts(
     identification: Identification, recording: Recording, progress: Progress
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Times, segment numbers and the signals side by side, as they leave the filter."""
+    if is_of_poses(recording):
+        yield _poses(identification, recording)
+        return
     observation, at_rest = identification.model.observation, identification.model.at_rest
     entries = SampleFunction(observation, identification.estimate.reference, recording)
     resting = SampleFunction(at_rest, identification.estimate.reference, recording)
@@ -277,3 +282,17 @@ def _parts(
             np.full(len(t), float(segment)),
             np.hstack([measured, predicted, lower, upper, deviation, motion, load, phase, off_halts, more]),
         )
+
+
+def _poses(identification: Identification, recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The same of poses at rest, whose rows are equations as they are."""
+    t, q, measured = pose_rows(recording)
+    model, still = identification.model, np.zeros_like(q)
+    entries = entries_at_rest(model, q)
+    predicted = model.observation.torque(entries, identification.values)
+    rigid = np.array([role_of(column) == "link" for column in model.kept])
+    load = model.observation.torque(entries, np.where(rigid, identification.values, 0.0))
+    deviation = prediction_deviation(model.observation, entries, identification.statistics.covariance)
+    rows = np.full_like(q, float(Phase.MOVING))
+    parts = [measured, predicted, predicted, predicted, deviation, q, still, still, load, rows, still + 1.0]
+    return t, np.zeros(len(t)), np.hstack(parts)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from dynident.effects import EffectChoice, effect_by_id
 from dynident.errors import DynidentError
-from dynident.estimation import EstimationError, Information, Reduction
+from dynident.estimation import EstimationError, Information, Reduction, weighted_factor
 from dynident.identification.choices import ModelName
 from dynident.identification.equations.unseen import unseen_parameters
 from dynident.recordings import Recording
@@ -141,8 +143,9 @@ def check_reduction(model: Model, reduction: Reduction, known: Information | Non
         )
     if not any(equation.joined[:, -1].any() for equation in reduction.equations):
         raise EstimationError(
-            "the torque is zero throughout: no parameter can be told from it; check which columns hold the torque, and "
-            "that the drives were on",
+            "the torque is zero throughout: it was not recorded, or the motors were off. Of a robot that swings freely "
+            f"only ratios can be found, inertia and friction over gravity{_ratios(model, reduction)}. For the "
+            "parameters themselves record the torque of a motion that the motors drive, or check which columns hold it",
             pointer="/measurement_ids",
             title="No torque",
         )
@@ -155,6 +158,41 @@ def check_reduction(model: Model, reduction: Reduction, known: Information | Non
             pointer="/measurement_ids",
             title="Not identifiable",
         )
+
+
+_HOMOGENEOUS = 0.3
+"""Share of the next singular value of W, of columns of the same size, below which the smallest one stands apart: there
+is then one direction W χ = 0, which noise leaves uncertain by about this share."""
+
+_MOST_RATIOS = 8
+
+
+def _ratios(model: Model, reduction: Reduction) -> str:
+    """Parameters for one unit of a first moment, where W χ = 0 tells them; else nothing.
+
+    The solution is the right singular vector of W's smallest singular value, of columns of the same size.
+    """
+    w = weighted_factor(reduction, np.ones(len(reduction.equations)))[:-1, :-1]
+    sizes = np.linalg.norm(w, axis=0)
+    seen = np.flatnonzero(sizes > 1e-9 * sizes.max(initial=0.0))
+    if len(seen) < 2:
+        return ""
+    _, singular, right = np.linalg.svd(w[:, seen] / sizes[seen])
+    share = right[-1]
+    moments = [k for k, column in enumerate(seen) if model.kept[column].parameter in ("MX", "MY", "MZ")]
+    if not moments or singular[-1] > _HOMOGENEOUS * singular[-2]:
+        return ""
+    lead = max(moments, key=lambda k: abs(share[k]))
+    kept = [model.kept[k] for k in seen]
+    found = share / sizes[seen]
+    found = found / abs(found[lead])
+    # Either sign solves the equations; moments of inertia and friction are positive in one of them.
+    positive = [k for k, column in enumerate(kept) if column.parameter in ("XX", "YY", "ZZ", "Ia", "Fv", "Fc")]
+    if sum(found[k] * sizes[seen[k]] for k in positive) < 0:
+        found = -found
+    order = [k for k in np.argsort(-np.abs(share)) if k != lead][:_MOST_RATIOS]
+    named = ", ".join(f"{kept[k].name} = {found[k]:.3g} {kept[k].unit}" for k in (lead, *order))
+    return f"; up to one common factor {named}"
 
 
 def _with_their_joints(model: Model, names: Sequence[str]) -> str:

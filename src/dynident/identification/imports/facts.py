@@ -35,7 +35,7 @@ class Clock:
     reason: str
 
 
-_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+CLOCK_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _BEGINS = 5.0
 """Steps within which a clock that starts again is where it was in the first row."""
 _SLOWEST, _FASTEST = 8.0, 8000.0
@@ -73,18 +73,18 @@ def clock_of(values: FloatArray, column: int, unit: str | None) -> Clock | None:
     middle = float(np.median(steps))
     jitter = float(np.std(steps[steps < 5 * middle]) / middle)
     mean = float(np.mean(steps[steps < 5 * middle]))
-    fits = [name for name, factor in _FACTORS.items() if _SLOWEST <= 1.0 / (mean * factor) <= _FASTEST]
-    if unit in _FACTORS:
-        rate = 1.0 / (mean * _FACTORS[unit])
+    fits = [name for name, factor in CLOCK_FACTORS.items() if _SLOWEST <= 1.0 / (mean * factor) <= _FASTEST]
+    if unit in CLOCK_FACTORS:
+        rate = 1.0 / (mean * CLOCK_FACTORS[unit])
         sure = _SLOWEST / 4 <= rate <= 4 * _FASTEST
         return Clock(
-            column, unit, _FACTORS[unit], rate, jitter, sure, f"its name says {unit}; that gives {rate:.4g} Hz"
+            column, unit, CLOCK_FACTORS[unit], rate, jitter, sure, f"its name says {unit}; that gives {rate:.4g} Hz"
         )
     if len(fits) != 1:
         return None
     (found,) = fits
-    rate = 1.0 / (mean * _FACTORS[found])
-    return Clock(column, found, _FACTORS[found], rate, jitter, True, f"its steps give {rate:.4g} Hz in {found}")
+    rate = 1.0 / (mean * CLOCK_FACTORS[found])
+    return Clock(column, found, CLOCK_FACTORS[found], rate, jitter, True, f"its steps give {rate:.4g} Hz in {found}")
 
 
 def is_counter(values: FloatArray, column: int) -> bool:

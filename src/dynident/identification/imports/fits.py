@@ -9,12 +9,15 @@ from dynident.errors import DynidentError
 from dynident.identification.mistakes.bands import motion_of
 from dynident.identification.mistakes.search import left_of
 from dynident.identification.mistakes.swaps import Motion
+from dynident.identification.study.poses import left_at_rest
 from dynident.recordings import Check, JointLimits, RecordedJoints, Recording, recording_from_arrays
 from dynident.recordings.importing import condition_arrays
 from dynident.recordings.restarts import RestartLabels
 from dynident.robot import Robot
 
 FEWEST_ROWS = 200
+FEWEST_POSES = 10
+"""A six-axis arm has ten parameters of gravity that six torques a pose tell."""
 
 
 class Fits:
@@ -59,3 +62,18 @@ class Fits:
             return None
         found = left_of(self.robot, motion)
         return found if np.isfinite(found) else None
+
+
+class PoseFits(Fits):
+    """Fits a robot to poses at which it stands, a row each."""
+
+    def recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
+        """None: there is no motion."""
+        return None
+
+    def left(self, q: FloatArray, tau: FloatArray) -> float | None:
+        """Share of the torque that gravity and constant torques do not explain; None where rows are too few to tell."""
+        good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
+        if good.sum() < FEWEST_POSES:
+            return None
+        return left_at_rest(self.robot, q[good], tau[good])

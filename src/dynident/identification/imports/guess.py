@@ -12,6 +12,7 @@ from dynident.identification.imports.against_robot import hold_against
 from dynident.identification.imports.currents import question_of_gains
 from dynident.identification.imports.effort import classify_effort
 from dynident.identification.imports.facts import (
+    CLOCK_FACTORS,
     SLOPE,
     Clock,
     Sample,
@@ -23,7 +24,7 @@ from dynident.identification.imports.facts import (
     slopes,
 )
 from dynident.identification.imports.few_joints import groups_of_few_joints
-from dynident.identification.imports.fits import Fits
+from dynident.identification.imports.fits import Fits, PoseFits
 from dynident.identification.imports.groups import (
     Group,
     by_elimination,
@@ -39,6 +40,7 @@ from dynident.identification.imports.words import read_names
 from dynident.identification.mistakes.described_units import find_units
 from dynident.recordings.columns import NOT_RECORDED
 from dynident.recordings.conditioning.registers import decode_registers
+from dynident.recordings.poses import jump_from_row_to_row
 from dynident.recordings.stated import EffortKind
 from dynident.recordings.units import conversion
 from dynident.robot import Robot
@@ -77,6 +79,7 @@ class _Guesser:
     def run(self) -> Proposal:
         sample, n = self.sample, self.robot.n
         self.named = read_names(sample.names, sample.units)
+        self.of_poses = False
         self.alive = changing(sample.values) if len(sample.values) else np.zeros(len(sample.names), dtype=bool)
         kind: EffortKind = "unknown"
         for remark in self.sample.remarks:
@@ -90,7 +93,8 @@ class _Guesser:
         good = np.isfinite(self.t)
         self.values = filled(sample.values[good])
         self.t = self.t[good]
-        self.fits = Fits(self.robot, self.t, None if segment is None else segment[good])
+        labels = None if segment is None else segment[good]
+        self.fits = PoseFits(self.robot, self.t) if self.of_poses else Fits(self.robot, self.t, labels)
         others = [one for index, one in enumerate(self.named) if index != clock.column]
         places = [index for index in range(len(self.named)) if index != clock.column]
         followers = () if self.robot.linkage is None else self.robot.linkage.passive
@@ -112,6 +116,8 @@ class _Guesser:
         self._read_signs(effort, "tau")
         self._without_torque(effort)
         q = self._positions(position, effort)
+        if self.of_poses:
+            return self._done(self._efforts_at_poses(effort, q, kind))
         if q is not None:
             rows = replace(self.sample, values=self.sample.values[good])
             q, put_right = condition_sample(self.fits, rows, position, effort, q)
@@ -168,6 +174,9 @@ class _Guesser:
 
     def _clock(self) -> Clock | None:
         names, values = self.sample.names, self.sample.values
+        self.of_poses = self._are_poses()
+        if self.of_poses:
+            return self._clock_of_poses()
         running = clock_like(values) if len(values) > 2 else []
         found = [one for column in running if (one := clock_of(values, column, self.named[column].unit)) is not None]
         told = [one for one in found if self.named[one.column].signal == "t"]
@@ -193,6 +202,46 @@ class _Guesser:
         if not sure:
             self._ask("units/t", f"Is {name} the time, in {choice.unit}? {choice.reason}.", ("s", "ms", "us", "ns"))
         return choice
+
+    def _are_poses(self) -> bool:
+        """Whether the columns that are called positions jump from row to row: the robot stands at each."""
+        positions = [k for k, one in enumerate(self.named) if one.signal == "q"]
+        q = filled(self.sample.values[:, positions])
+        return len(positions) >= self.robot.n and jump_from_row_to_row(q)
+
+    def _clock_of_poses(self) -> Clock | None:
+        """Give the time column of rows that are poses, whose steps are no sampling period."""
+        column = next((k for k, one in enumerate(self.named) if one.signal == "t"), None)
+        if column is None:
+            self._ask("columns/t", "Which column is the time, or counts the poses?", self.sample.names)
+            return None
+        unit = self.named[column].unit or "s"
+        steps = np.diff(self.sample.values[:, column])
+        middle = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+        self.columns["t"] = self.sample.names[column]
+        if unit != "s":
+            self.units["t"] = unit
+        reason = f"its name; positions jump from row to row, {middle:.3g} {unit} apart: poses at rest, a row each"
+        self._say("columns/t", self.sample.names[column], 0.95, reason)
+        return Clock(column, unit, CLOCK_FACTORS.get(unit, 1.0), 1.0 / middle, 0.0, True, reason)
+
+    def _efforts_at_poses(self, effort: Group, q: FloatArray | None, kind: EffortKind) -> EffortKind:
+        """Take the efforts for what they are called, and say what gravity leaves of them."""
+        tau = self.values[:, list(effort.columns)]
+        signal = "current" if effort.signal == "current" else "tau"
+        if signal == "current" and kind == "unknown":
+            kind = "motor_current"
+        elif kind == "unknown":
+            kind = "joint_torque"
+        self._say("effort_kind", kind, 0.8, "by its name; a robot that stands shows no more")
+        self._map(signal, effort)
+        gains = [drive.gain for drive in self.robot.drives]
+        self._effort_unit(signal, tau, effort, gains, of_units.reach_of(self.robot))
+        left = None if q is None else self.fits.left(q, tau)
+        if left is not None:
+            what = "what gravity and constant torques of the robot do not explain of poses at rest"
+            self._say("check", f"{left:.0%} left", 0.9 if left < of_units.SURE - 0.3 else 0.4, what)
+        return kind
 
     def _segment(self) -> FloatArray | None:
         for index, one in enumerate(self.named):
@@ -295,9 +344,18 @@ class _Guesser:
             # Which joints the robot has is to be answered before.
             return None, "unknown"
         found = [group for group in groups if group.signal in ("tau", "current", "effort") and group is not position]
+        silent = [group for group in found if not np.nan_to_num(self.values[:, list(group.columns)]).any()]
         found = [group for group in found if self.alive[list(group.columns)].any()]
         # Torque goes before current: it needs no gains.
         found.sort(key=lambda group: (group.rank, group.signal != "tau"))
+        if not found and silent:
+            self._map(silent[0].signal or "tau", silent[0])
+            detail = (
+                f"{self._shown(silent[0])} are 0 in every row: was the torque not recorded, or did the robot swing "
+                "with its motors off? Then only ratios can be found, inertia and friction over gravity."
+            )
+            self._ask("effort_kind", detail, ("joint_torque",))
+            return None, "joint_torque"
         if not found:
             found = self._of_most_joints(position)
         if not found:

@@ -63,7 +63,10 @@ def conclude(
     if with_shapes is not None:
         with_shapes = with_shapes.weighing_turns(data.weights)
     looked = None if with_shapes is None else _with_shapes_uncertain(problem, found, with_shapes)
-    if part_of is None:
+    if model.is_at_rest:
+        # Of the inertia matrix poses say nothing, so that what it is made of must not be judged.
+        smallest = float("nan")
+    elif part_of is None:
         smallest = smallest_inertia_eigenvalue(model, values)
     else:
         smallest = smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)

@@ -13,6 +13,7 @@ from dynident.identification.shapes.shapes import check_shapes_given, complete_s
 from dynident.identification.study.carrying import carrying, is_open, note_of
 from dynident.identification.study.fitting import identify_model
 from dynident.identification.study.gain import warnings_of_addition
+from dynident.identification.study.poses import ACTING_AT_REST, are_poses, identify_poses
 from dynident.identification.study.result import Identification, LadderStep
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
@@ -44,6 +45,8 @@ def extend(
     check_recordings(identification.model.robot, recordings, validation)
     check_temperature(new, recordings, validation)
     check_runs(new, recordings, validation)
+    if are_poses(recordings, validation):
+        return _extended_at_rest(identification, new, recordings, validation)
     grown, idle = identification, []
     for number, choice in enumerate(new):
         told = part(progress, number / len(new), (number + 1) / len(new))
@@ -81,6 +84,31 @@ def extend_at_once(
     if grown is None:
         raise DynidentError("the columns of these effects are combinations of those in the model", pointer="/effects")
     return grown
+
+
+def _extended_at_rest(
+    identification: Identification,
+    new: tuple[EffectChoice, ...],
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+) -> Identification:
+    """A model of poses with more effects, as one rung.
+
+    Raises
+    ------
+    DynidentError
+        Where one of them does not act at rest.
+    """
+    in_motion = [choice.effect for choice in new if choice.effect not in ACTING_AT_REST]
+    if in_motion:
+        raise DynidentError(
+            f"{', '.join(in_motion)} cannot be told from poses at rest, which show {', '.join(ACTING_AT_REST)} alone",
+            pointer="/effects",
+            title="Nothing to add",
+        )
+    choices = replace(identification.choices, effects=identification.choices.effects + new)
+    grown = identify_poses(identification.model.robot, recordings, validation, choices)
+    return replace(grown, step=LadderStep(identification, added=new))
 
 
 def _with_one_more(

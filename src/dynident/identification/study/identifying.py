@@ -17,7 +17,9 @@ from dynident.identification.equations.checks import (
 from dynident.identification.equations.data import motions_and_friction
 from dynident.identification.equations.model_equations import with_constants
 from dynident.identification.shapes.shapes import check_shapes_given
+from dynident.identification.study.explained_band import narrow_band
 from dynident.identification.study.fitting import identify_model
+from dynident.identification.study.poses import are_poses, identify_poses
 from dynident.identification.study.preparing import prepared
 from dynident.identification.study.result import Identification
 from dynident.progress import Progress, part, silent
@@ -59,8 +61,10 @@ def identify(
     DynidentError
         Where the choices do not fit the robot or the data do not determine the parameters.
     """
-    choices = choices or IdentificationChoices()
+    given = choices = choices or IdentificationChoices()
     check_recordings(robot, recordings, validation)
+    if are_poses(recordings, validation):
+        return identify_poses(robot, recordings, validation, given)
     check_temperature(choices.effects, recordings, validation)
     check_runs(choices.effects, recordings, validation)
     ordinary, _ = motions_and_friction(recordings)
@@ -72,4 +76,10 @@ def identify(
     effects, reference = prepared(robot, choices, ordinary, preprocessing, part(progress, 0.0, 0.5))
     choices = replace(choices, effects=effects, pole=rows.pole, interval=rows.interval)
     model = build_model(robot, choices.effects, tolerance=choices.tolerance)
-    return identify_model(model, recordings, validation, choices, preprocessing, reference, part(progress, 0.5, 1.0))
+    found = identify_model(model, recordings, validation, choices, preprocessing, reference, part(progress, 0.5, 1.0))
+    narrow = None if given.preprocessing else narrow_band(found, ordinary)
+    if narrow is None:
+        return found
+    band, why = narrow
+    found = identify(robot, recordings, validation, replace(given, preprocessing=band), progress)
+    return replace(found, warnings=(why, *found.warnings))

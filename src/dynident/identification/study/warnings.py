@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.effects import DEFAULT_EFFECTS, OFFSETS, role_of
-from dynident.estimation import equilibrated_condition_number
+from dynident.estimation import equilibrated_condition_number, find_outlying_spans
 from dynident.identification.thresholds import (
     DETERMINED,
     EQUATIONS_PER_PARAMETER,
@@ -31,6 +31,7 @@ def warnings_of(identification: Identification) -> tuple[str, ...]:
             "The inertia matrix is not positive definite in every posture: the parameters are not physically possible "
             "as they stand, so use them for prediction near the recorded motion only."
         )
+    found += _disturbed(identification)
     found += _misfit(identification)
     found += _unsettled(identification)
     found += _other_equations(identification)
@@ -54,6 +55,17 @@ def _without_torque(identification: Identification) -> list[str]:
         f"No recording has the torque of {', '.join(model.robot.joints_without_torque)}. The motion is used; what only "
         f"the joint's own equation would show is not identifiable from this data{f' ({hidden})' if hidden else ''}, "
         "and what the model says of such a torque is that of the links alone, and was held against no data."
+    ]
+
+
+def _disturbed(identification: Identification) -> list[str]:
+    """Seconds in which something else than the robot acted shift all parameters, and show in no error by themselves."""
+    return [
+        f"From {span.start:.1f} to {span.end:.1f} s of the data something else acted: there the residual is "
+        f"{np.sqrt(span.ratio):.0f} times that of all other rows once they are solved without it. A contact, a load "
+        "that was picked up, a brake, a collision, or a clock that jumped? Diagnose: it says what, and when exactly. "
+        "Leave these seconds out."
+        for span in find_outlying_spans(identification.data.training).spans
     ]
 
 
@@ -110,7 +122,8 @@ def _excitation(identification: Identification) -> list[str]:
             f"The condition number of W with columns of equal size is {condition:.0f}: the motion alone does not "
             f"determine the model well. {help_is}"
         )
-    if identification.equations_per_parameter < EQUATIONS_PER_PARAMETER:
+    at_rest = identification.model.is_at_rest
+    if not at_rest and identification.equations_per_parameter < EQUATIONS_PER_PARAMETER:
         found.append(
             f"There are {identification.equations_per_parameter:.0f} equations per parameter after decimation; "
             f"{EQUATIONS_PER_PARAMETER:.0f} are recommended (§12.7). A longer recording helps."

@@ -1,0 +1,272 @@
+"""Time first: spans that something outside the model disturbed, found and explained before any physics is named.
+
+A push of a few seconds shifts all parameters, and what they then fail to say everywhere else looks like friction. So
+spans that stand out are found by leaving each out (`estimation.outlying_spans`), a push on one of the links is tried
+on them, and everything else is asked of the other rows alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.arrays import BoolArray, FloatArray
+from dynident.diagnosis.candidates.gathering import gather
+from dynident.diagnosis.candidates.pool import pool_of
+from dynident.diagnosis.comparing.compare import Comparison, compare
+from dynident.diagnosis.result import UnknownPattern
+from dynident.diagnosis.search.state import Finding
+from dynident.diagnosis.search.transients import find_contacts
+from dynident.effects import EffectChoice
+from dynident.estimation import OutlyingSpan, concatenate, find_outlying_spans
+from dynident.identification import Identification
+from dynident.identification.study.fitting import identify_model
+from dynident.progress import silent
+from dynident.recordings import Recording
+from dynident.regressors.stream import reduce_recordings
+
+_SILENT = 0.1
+"""Share of the predicted torque's changes below which that of a drive hardly changes: its brake holds, or it is off."""
+
+_DELAYS = np.concatenate([np.arange(-0.3, 0.0, 0.01), np.arange(0.01, 0.301, 0.01)])
+"""s; clocks that jump do so by a buffer or a few, of 10 ms and more. What is less passes as a push or stays unnamed."""
+
+_EXPLAINED = 0.7
+"""Share of the squared residual that one delay of all joints must explain, as much as a push has to."""
+
+_UPRIGHT = 0.85
+"""Cosine of the angle between a force and gravity from which on it may as well be a weight that was carried: 32 deg.
+A load that is swung about and held by its side takes up to 27 of them."""
+
+_SMOOTH = 0.1
+"""s over which the squared residual is averaged before the ends of a span are looked for."""
+
+_SLOWEST = 10.0
+"""Hz; a filter smears a disturbance over a period of its cut-off to either side, and over no less than one of these."""
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbance:
+    """From `start` to `end` (s) of a recording, in its run `run`, the residual is `ratio` times that of the other rows.
+
+    `share` (n,): of every joint's squared residual, what is in it; `cause`: what explains it better than a push, in
+    words; `contact`: the push that explains it, `force` the force of it in the middle, N along the axes of the base
+    (3,); None where none does.
+    """
+
+    recording: int
+    run: str
+    start: float
+    end: float
+    ratio: float
+    share: FloatArray
+    cause: str = ""
+    contact: Finding | None = None
+    force: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class UndisturbedData:
+    """The recordings without what is disturbed, the model identified from them, and the disturbances."""
+
+    identification: Identification
+    recordings: tuple[Recording, ...]
+    disturbances: tuple[Disturbance, ...]
+
+    @property
+    def contacts(self) -> tuple[Finding, ...]:
+        """The pushes that explain disturbances."""
+        return tuple(one.contact for one in self.disturbances if one.contact is not None)
+
+    @property
+    def unexplained(self) -> tuple[UnknownPattern, ...]:
+        """Disturbances that no push explains, as dependences on time of the joint that shows them most."""
+        names = self.identification.model.robot.joint_names
+        return tuple(
+            UnknownPattern(names[int(np.argmax(one.share))], "time", float(one.share.max()))
+            for one in self.disturbances
+            if one.contact is None
+        )
+
+    @property
+    def sentences(self) -> list[str]:
+        """One sentence a disturbance."""
+        return [_sentence(one, self.identification) for one in self.disturbances]
+
+
+def leave_out_disturbances(identification: Identification, recordings: Sequence[Recording]) -> UndisturbedData:
+    """Find the spans of time that stand out, try a push on each, and leave them out.
+
+    Parameters
+    ----------
+    identification : Identification
+    recordings : sequence of Recording
+        What the model is diagnosed from.
+    """
+    model, preprocessing = identification.model, identification.preprocessing
+    reference = identification.estimate.next_reference()
+    parts = [reduce_recordings(model.observation, [one], preprocessing, reference) for one in recordings]
+    outlying = find_outlying_spans(concatenate(parts))
+    if not outlying.spans:
+        return UndisturbedData(identification, tuple(recordings), ())
+    solution = replace(identification.estimate.solution, values=outlying.values)
+    undisturbed = replace(identification, estimate=replace(identification.estimate, solution=solution))
+    last = np.cumsum([part.n_stretches for part in parts])
+    found: list[Disturbance] = []
+    for span in outlying.spans:
+        number = int(np.searchsorted(last, span.first, side="right"))
+        found.append(_disturbance(span, number, recordings[number], compare(undisturbed, recordings[number])))
+    cut = [
+        _without(recording, [one for one in found if one.recording == number], _width(identification))
+        for number, recording in enumerate(recordings)
+    ]
+    again = identify_model(model, cut, (), identification.choices, preprocessing, reference, silent)
+    named = [one if one.cause else _with_contact(one, again, recordings[one.recording]) for one in found]
+    return UndisturbedData(again, tuple(cut), tuple(named))
+
+
+def _disturbance(span: OutlyingSpan, number: int, recording: Recording, comparison: Comparison) -> Disturbance:
+    """The same span with its ends where the residual rises and falls."""
+    residual = np.where(comparison.telling, comparison.residual, 0.0)
+    inside = (comparison.t >= span.start) & (comparison.t <= span.end)
+    segment = comparison.segment[int(np.flatnonzero(inside)[0])] if inside.any() else 0
+    inside &= comparison.segment == segment
+    usual = _usual(residual, comparison.telling & ~inside[:, None])
+    power = ((residual / usual) ** 2).sum(axis=1)
+    period = float(np.median(np.diff(comparison.t)))
+    width = max(1, round(_SMOOTH / period))
+    smooth = np.convolve(power, np.ones(width) / width, mode="same")
+    rows = np.flatnonzero(inside)
+    # Halfway, in decades, between what is usual outside and inside; single rows on the other side do not end it.
+    level = np.sqrt(np.median(smooth[~inside]) * np.median(smooth[rows]))
+    smallest = np.finfo(float).tiny
+    first, last = _richest_part(np.log(np.maximum(smooth[rows], smallest) / max(level, smallest)))
+    start, end = _half_heights(comparison.t, np.sqrt(power), rows[first], rows[last])
+    own = inside & (comparison.t >= start) & (comparison.t <= end)
+    squares = (residual**2).sum(axis=0)
+    share = np.divide((residual[own] ** 2).sum(axis=0), squares, out=np.zeros_like(squares), where=squares > 0)
+    cause = _cause(comparison, own, usual)
+    return Disturbance(number, recording.run_label(int(segment)), start, end, span.ratio, share, cause)
+
+
+def _cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> str:
+    """Say what explains a disturbance with fewer numbers than a push has: a drive without torque, or a clock."""
+    measured, predicted = comparison.measured[rows], comparison.predicted[rows]
+    # At both ends the filter mixes in what was before and after.
+    middle = slice(len(measured) // 4, max(len(measured) - len(measured) // 4, 1))
+    silent = measured[middle].std(axis=0) < _SILENT * predicted[middle].std(axis=0)
+    off = [name for name, is_off in zip(comparison.joint_names, silent, strict=True) if is_off]
+    if off:
+        return f"the torque of {', '.join(off)} hardly changes: drives that were off, or brakes that held"
+    t = comparison.t[rows]
+    before = float((((measured - predicted) / usual) ** 2).sum())
+    left = {}
+    for delay in _DELAYS:
+        moved = np.column_stack([np.interp(t - delay, comparison.t, one) for one in comparison.predicted.T])
+        left[float(delay)] = float((((measured - moved) / usual) ** 2).sum())
+    best = min(left, key=lambda delay: left[delay])
+    if left[best] < (1.0 - _EXPLAINED) * before:
+        return f"the torque is {abs(best) * 1e3:.0f} ms {'late' if best > 0 else 'early'}: a clock that jumped"
+    return ""
+
+
+def _usual(residual: FloatArray, rows: BoolArray) -> FloatArray:
+    """(n,): median size of the residual (m, n) on some rows (m, n) of every joint; of one without rows, of all."""
+    sizes = [np.abs(residual[own, j]) for j, own in enumerate(rows.T)]
+    medians = np.array([float(np.median(own)) if len(own) else 0.0 for own in sizes])
+    largest = float(medians.max(initial=0.0))
+    return np.where(medians > 0.0, medians, largest if largest > 0.0 else 1.0)
+
+
+def _richest_part(values: FloatArray) -> tuple[int, int]:
+    """First and last index of the part with the largest sum."""
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    gains = sums - np.minimum.accumulate(sums)
+    last = max(int(np.argmax(gains)), 1)
+    return int(np.argmin(sums[:last])), last - 1
+
+
+def _half_heights(t: FloatArray, size: FloatArray, first: int, last: int) -> tuple[float, float]:
+    """Times about rows `first` and `last` at which a residual of this size (m,) rises to half its height, and falls.
+
+    A filter without phase makes of a step one that is at half its height where the step is.
+    """
+    half = 0.5 * float(np.median(size[first : last + 1]))
+    high = first + np.flatnonzero(size[first : last + 1] >= half)
+    ends = []
+    for k, before in ((int(high[0]), int(high[0]) - 1), (int(high[-1]), int(high[-1]) + 1)):
+        if 0 <= before < len(t) and size[before] < half and abs(t[k] - t[before]) < _SMOOTH:
+            share = (size[k] - half) / (size[k] - size[before])
+            ends.append(float(t[k] + share * (t[before] - t[k])))
+        else:
+            ends.append(float(t[k]))
+    return ends[0], ends[1]
+
+
+def _width(identification: Identification) -> float:
+    """Seconds over which the filters smear what is disturbed."""
+    cutoffs = [
+        c for c in (identification.preprocessing.position_cutoff, identification.preprocessing.torque_cutoff) if c
+    ]
+    return 1.0 / min([*cutoffs, _SLOWEST])
+
+
+def _without(recording: Recording, gone: Sequence[Disturbance], margin: float) -> Recording:
+    """The recording without the seconds of these, in windows of t."""
+    if not gone:
+        return recording
+    first = min(segment.start_time for segment in recording.segments)
+    last = max(segment.start_time + segment.length * recording.period for segment in recording.segments)
+    windows = list(recording.windows) or [(first, last)]
+    for one in gone:
+        start, end = one.start - margin, one.end + margin
+        cut = [(low, min(high, start)) for low, high in windows] + [(max(low, end), high) for low, high in windows]
+        windows = sorted((low, high) for low, high in cut if high > low)
+    return recording.with_windows(tuple(windows))
+
+
+def _with_contact(one: Disturbance, identification: Identification, recording: Recording) -> Disturbance:
+    """The disturbance with the push that explains it, of all links the one that leaves least."""
+    model = identification.model
+    robot = model.robot
+    links = range(robot.tree.n) if robot.linkage is None else (robot.tree.n - 1,)
+    shapes = [{"t0": one.start, "t1": one.end} | ({"link": k + 1.0} if k + 1 < robot.tree.n else {}) for k in links]
+    choices = [EffectChoice("external_contact", (), tuple(sorted(shape.items())), (one.run,)) for shape in shapes]
+    pool = pool_of(model, choices)
+    reference = identification.estimate.next_reference()
+    data = gather(pool.observation, model.signals, [recording], identification.preprocessing, reference, pool.n_base)
+    base = tuple(range(pool.n_base))
+    contacts = find_contacts(data, pool, base, identification.noise, identification.preprocessing)
+    if not contacts:
+        return one
+    amplitudes = contacts[0].judged.amplitudes
+    names = [pool.observation.columns[k].parameter for k in contacts[0].judged.candidate.columns]
+    at = dict(zip(names, amplitudes.tolist(), strict=True))
+    force = np.array([at.get(f"f{axis}", 0.0) + at.get(f"f{axis}h", 0.0) for axis in "xyz"])
+    return replace(one, contact=contacts[0], force=force)
+
+
+def _sentence(one: Disturbance, identification: Identification) -> str:
+    robot = identification.model.robot
+    when = f"From {one.start:.1f} to {one.end:.1f} s of {one.run}"
+    apart = "What else is missing was asked of the other seconds alone."
+    if one.cause:
+        return f"{when} {one.cause}. Leave these seconds out of the identification. {apart}"
+    if one.contact is None or one.force is None:
+        worst = robot.joint_names[int(np.argmax(one.share))]
+        return (
+            f"{when} the residual is {np.sqrt(one.ratio):.0f} times that of all other rows, most on {worst}, and no "
+            "push on a link explains it: a collision, a load that was picked up, a brake, or a drive that was off. "
+            f"Leave these seconds out of the identification. {apart}"
+        )
+    link = int(dict(one.contact.judged.candidate.shape).get("link", 0.0))
+    size, gravity = float(np.linalg.norm(one.force)), robot.gravity
+    # Where along the arm it is pushed, a few seconds hardly tell: a force farther out may do the same.
+    push = f"something outside pushed the link of {robot.tree.joint_names[link - 1]}, or one beyond it"
+    if not link:
+        push = f"something outside pushed the last link with some {size:.2g} N"
+    if size > 0.0 and float(one.force @ gravity) > _UPRIGHT * size * float(np.linalg.norm(gravity)):
+        push += f", or it carried some {size / float(np.linalg.norm(gravity)):.2g} kg"
+    return f"{when} {push}: leave these seconds out of the identification, or add the contact. {apart}"

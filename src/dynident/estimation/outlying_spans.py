@@ -1,0 +1,225 @@
+"""Spans of time in which the equations do not hold: what is left of them there stands far above what is left elsewhere.
+
+Least squares spreads a disturbance of a few seconds over all parameters and rows, so that its residual stands out
+nowhere. So every span is left out in turn and the parameters are solved from the other rows. What that takes off the
+residual, by row of the span, over what the other rows leave by row is Chow's test: about 1 where the span is like the
+rest, also where its motion is unlike that of the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.arrays import FloatArray, IndexArray
+from dynident.estimation.factors import Reduction
+
+STANDS_OUT = 16.0
+"""Ratio from which on a span is disturbed by something: four times the residual of the rest.
+
+Clean arms reach 1.4; of 100 arms with friction, springs or loads that the model lacks two reached 9 and 14, the others
+5 (`benchmarks/outlying_spans.py`); a real arm that starts from rest 12. A push of a tenth of what the second joint can
+hold reaches 50, of a fifth 4,000."""
+
+_MOST_SPANS = 3
+_MOST_SHARE = 0.5
+"""Of all rows, at most: what lasts longer is the rule, and the rest is the exception."""
+
+_MOST_OF_RUN = 0.8
+"""Share of one of several runs above which it is the run that differs: it carried a load, or was warm."""
+
+_BLOCKS = 32
+"""Blocks of time, at most, that spans are made of where there is one run: spans are hundreds then, not thousands."""
+
+_ROUNDS = 3
+"""Of estimating every equation's noise from the rows outside the span; the second changes it by a few per cent."""
+
+_QUIET = 1e-3
+"""Share of the torque that no sensor resolves: in noiseless data less than that is no residual."""
+
+_RIDGE = 1e-9
+_BATCH = 256
+
+
+@dataclass(frozen=True)
+class OutlyingSpan:
+    """Stretches `first` to `last` (exclusive) of the data, from `start` to `end` in s.
+
+    `ratio`: squared residual by row of the span over that of the other rows, solved without it.
+    """
+
+    first: int
+    last: int
+    start: float
+    end: float
+    ratio: float
+
+
+@dataclass(frozen=True, eq=False)
+class OutlyingSpans:
+    """Spans that stand out, the largest first, and `values` (c,), the parameters solved without them."""
+
+    spans: tuple[OutlyingSpan, ...]
+    values: FloatArray
+
+
+def find_outlying_spans(reduction: Reduction, ratio: float = STANDS_OUT) -> OutlyingSpans:
+    """Find spans of time whose residual stands out.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        Equations by stretches of time.
+    ratio : float
+        Squared residual of a row of the span over that of the others, from which on it stands out.
+
+    Returns
+    -------
+    OutlyingSpans
+        At most three spans, each inside one run and all together at most half of the rows; whole runs are left out.
+    """
+    if not reduction.n_stretches:
+        return OutlyingSpans((), np.zeros(reduction.n_columns))
+    search = _Search(reduction)
+    found: list[OutlyingSpan] = []
+    for _ in range(_MOST_SPANS):
+        best = search.best(ratio)
+        if best is None:
+            break
+        search.leave_out(*best[:2])
+        span = search.span(*best)
+        found += [] if span is None else [span]
+    return OutlyingSpans(tuple(sorted(found, key=lambda span: -span.ratio)), search.values())
+
+
+class _Search:
+    """Inner products of every equation and block (n, s, c + 1, c + 1), their rows (n, s), and the blocks' runs (s,).
+
+    `firsts` (s + 1,): the first stretch of every block, and the number of stretches.
+    """
+
+    def __init__(self, reduction: Reduction) -> None:
+        c, self._spans = reduction.n_columns, reduction.spans
+        run = _runs_of(reduction.spans)
+        self._firsts = _block_edges(run)
+        starts = self._firsts[:-1]
+        self._run = run[starts]
+        products = np.zeros((len(reduction.equations), len(starts), c + 1, c + 1))
+        for k, equation in enumerate(reduction.equations):
+            own = np.append(equation.columns, c)
+            squared = equation.factors.transpose(0, 2, 1) @ equation.factors
+            products[k][np.ix_(np.arange(len(starts)), own, own)] = np.add.reduceat(squared, starts, axis=0)
+        counts = np.array([equation.counts for equation in reduction.equations], dtype=np.float64)
+        self._counts = np.add.reduceat(counts, starts, axis=1)
+        self._total, self._rows = products.sum(axis=1), self._counts.sum(axis=1)
+        self._sums = np.zeros((len(products), len(starts) + 1, c + 1, c + 1))
+        np.cumsum(products, axis=1, out=self._sums[:, 1:])
+        self._out = np.zeros(len(starts), dtype=bool)
+        squares = self._total[:, -1, -1] / np.maximum(self._rows, 1.0)
+        self._floor = _QUIET**2 * squares + np.finfo(float).tiny
+        self._noise = np.maximum(squares, self._floor)
+
+    def values(self) -> FloatArray:
+        """(c,): parameters from all rows that are not left out."""
+        return _solve(np.tensordot(1.0 / self._noise, self._total, 1))
+
+    def leave_out(self, first: int, last: int) -> None:
+        """Take blocks out of the data."""
+        self._total = self._total - (self._sums[:, last] - self._sums[:, first])
+        self._rows = self._rows - self._counts[:, first:last].sum(axis=1)
+        self._out[first:last] = True
+
+    def span(self, first: int, last: int, ratio: float) -> OutlyingSpan | None:
+        """Describe blocks as a span; none where they are nearly a whole run of several: then the run differs."""
+        own = self._counts[:, self._run == self._run[first]].sum()
+        if self._run[-1] > 0 and self._counts[:, first:last].sum() > _MOST_OF_RUN * own:
+            return None
+        stretches = int(self._firsts[first]), int(self._firsts[last])
+        return OutlyingSpan(
+            *stretches, float(self._spans[stretches[0], 0]), float(self._spans[stretches[1] - 1, 1]), ratio
+        )
+
+    def _windows(self) -> list[tuple[int, int]]:
+        """Blocks in a row, inside one run, of at most half of the rows, and not left out yet."""
+        rows, out = np.append(0.0, np.cumsum(self._counts.sum(axis=0))), np.append(0, np.cumsum(self._out))
+        most = _MOST_SHARE * rows[-1] - self._counts[:, self._out].sum()
+        return [
+            (a, b)
+            for a in range(len(self._run))
+            for b in range(a + 1, len(self._run) + 1)
+            if self._run[a] == self._run[b - 1] and 0 < rows[b] - rows[a] <= most and out[a] == out[b]
+        ]
+
+    def best(self, ratio: float) -> tuple[int, int, float] | None:
+        """Find the blocks without which the others leave least, and their ratio, where they stand out."""
+        windows = self._windows()
+        if not windows or self._rows.sum() <= self._sums.shape[2]:
+            return None
+        best = None
+        rows = self._rows.sum()
+        inside = np.array([self._counts[:, a:b].sum() for a, b in windows])
+        c = self._sums.shape[2] - 1
+        freedom = np.maximum(rows - inside - c, 1.0)
+        for _ in range(_ROUNDS):
+            weights = 1.0 / self._noise
+            total = np.tensordot(weights, self._total, 1)
+            sums = np.tensordot(weights, self._sums, 1)
+            whole = max(float(_squares(total, _solve(total))), 0.0)
+            rest = np.concatenate(
+                [self._rest(total, sums, windows[k : k + _BATCH]) for k in range(0, len(windows), _BATCH)]
+            )
+            rest = np.maximum(rest, float((weights * self._floor).mean()) * freedom)
+            ratios = np.maximum(whole - rest, 0.0) / inside / (rest / freedom)
+            # Of spans that stand out, the one that leaves the others the most likely ends where the disturbance does.
+            gain = np.where(
+                ratios >= ratio, (rows - inside) * np.log(whole / rows / (rest / freedom) + 1e-300), -np.inf
+            )
+            k = int(np.argmax(gain))
+            if not np.isfinite(gain[k]):
+                return None
+            a, b = windows[k]
+            best = (a, b, float(ratios[k]))
+            outside = self._total - (self._sums[:, b] - self._sums[:, a])
+            values = _solve(np.tensordot(weights, outside, 1))
+            left = np.maximum(self._rows - self._counts[:, a:b].sum(axis=1), 1.0)
+            self._noise = np.maximum(_squares(outside, values) / left, self._floor)
+        return best
+
+    def _rest(self, total: FloatArray, sums: FloatArray, windows: Sequence[tuple[int, int]]) -> FloatArray:
+        """(w,): squared residual of the rows outside each window, solved from them."""
+        outside = np.array([total - (sums[b] - sums[a]) for a, b in windows])
+        return _squares(outside, _solve(outside))
+
+
+def _block_edges(run: IndexArray) -> IndexArray:
+    """First stretch of every block, and their number: equally many stretches each, but that every run begins one."""
+    s = len(run)
+    borders = np.flatnonzero(np.diff(run)) + 1
+    edges: IndexArray = np.unique(np.concatenate([np.arange(0, s, -(-s // _BLOCKS)), borders, [s]]))
+    return edges
+
+
+def _runs_of(spans: FloatArray) -> IndexArray:
+    """(s,): number of the run of every stretch: time jumps by more than a stretch, or back, between two runs."""
+    if not len(spans):
+        return np.zeros(0, dtype=np.intp)
+    pause = spans[1:, 0] - spans[:-1, 1]
+    jumps = (pause > float(np.median(spans[:, 1] - spans[:, 0]))) | (pause < 0)
+    return np.concatenate([[0], np.cumsum(jumps)]).astype(np.intp)
+
+
+def _solve(products: FloatArray) -> FloatArray:
+    """(…, c): least-squares solution of products (…, c + 1, c + 1), the smallest where it is not determined."""
+    c = products.shape[-1] - 1
+    diagonal = np.einsum("...ii->...i", products[..., :c, :c])
+    scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0.0)), 1.0)
+    normal = products[..., :c, :c] / scale[..., :, None] / scale[..., None, :] + _RIDGE * np.eye(c)
+    return np.asarray(np.linalg.solve(normal, (products[..., :c, c] / scale)[..., None])[..., 0] / scale)
+
+
+def _squares(products: FloatArray, values: FloatArray) -> FloatArray:
+    """(…,): squared residual of parameters (…, c)."""
+    signed = np.concatenate([-values, np.ones((*values.shape[:-1], 1))], axis=-1)
+    return np.asarray(np.maximum(np.einsum("...i,...ij,...j->...", signed, products, signed), 0.0))

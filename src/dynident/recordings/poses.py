@@ -1,0 +1,94 @@
+"""Recordings of poses: a row a pose at which the robot stands, seconds apart, as gravity is calibrated from.
+
+Nothing can be filtered or differentiated across them: every row is a segment of its own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.recordings.columns import Layout
+from dynident.recordings.raw import RawRows, RawSource
+from dynident.recordings.segmenting import GridRows
+from dynident.recordings.sinks import ArraySink, ParquetSink
+from dynident.recordings.timebase import LONGEST_PERIOD, TimeBase
+from dynident.recordings.types import Check, Recording, Segment, are_readings
+
+POSES = "poses"
+"""Role of such a recording."""
+
+FEWEST = 4
+MOST_ROWS = 20_000
+"""A robot that goes to a pose every second for five hours."""
+
+_MOVES = 0.1
+"""rad or m: a joint that spans less says nothing of how rows follow one another."""
+
+_ROUGH = 1.0
+"""Second differences of a position, rms, over its standard deviation: 2.4 for poses in any order, 1.4 where each pose
+has two rows, and 0.6 for a motion of 0.5 Hz that is logged four times a second; slower or quicker, less."""
+
+_SHARE = 0.5
+"""Share of the joints that span anything which has to jump: of a grid of poses some joints go in steps."""
+
+
+def jump_from_row_to_row(q: FloatArray) -> bool:
+    """Whether positions (m, n) in rad or m are poses in a list, and no samples of a motion."""
+    if len(q) < FEWEST:
+        return False
+    moves = np.ptp(q, axis=0) > _MOVES
+    if not moves.any():
+        return False
+    second = np.sqrt((np.diff(q[:, moves], n=2, axis=0) ** 2).mean(axis=0))
+    return bool((second > _ROUGH * q[:, moves].std(axis=0)).mean() >= _SHARE)
+
+
+def is_of_poses(recording: Recording) -> bool:
+    """Whether a recording has a row a pose."""
+    return recording.role == POSES
+
+
+def read_poses(source: RawSource, layout: Layout, base: TimeBase) -> RawRows | None:
+    """Read a file whose rows are poses; None where they are samples of a motion."""
+    if base.typical <= LONGEST_PERIOD or not FEWEST <= base.n_rows <= MOST_ROWS:
+        return None
+    blocks = list(source.rows(layout))
+    t, segment, values = (
+        np.concatenate([getattr(block, name) for block in blocks]) for name in ("t", "segment", "values")
+    )
+    kept = np.all(are_readings(values[:, layout.needed]), axis=1)
+    rows = RawRows(0, t[kept], segment[kept], values[kept])
+    return rows if jump_from_row_to_row(rows.values[:, layout.place("q")]) else None
+
+
+def write_poses(rows: RawRows, sink: ParquetSink | ArraySink) -> tuple[Segment, ...]:
+    """Store the rows, each a segment of its own."""
+    segments = []
+    for k, (t, label) in enumerate(zip(rows.t, rows.segment, strict=True)):
+        sink.write(GridRows(rows.t[k : k + 1], int(label), rows.values[k : k + 1]))
+        segments.append(Segment(k, 1, float(t), int(label)))
+    return tuple(segments)
+
+
+def pose_rows(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times (m,), positions and torques (m, n) of the poses inside the windows."""
+    blocks = list(recording.source.rows(0, recording.n_samples, recording.n_samples))
+    q, tau = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("q", "tau"))
+    t = np.array([segment.start_time for segment in recording.segments])
+    used = recording.inside_windows(t)
+    return t[used], q[used], tau[used]
+
+
+def pose_checks(rows: RawRows, base: TimeBase) -> tuple[Check, ...]:
+    """Say what kind of recording it is, and how many rows held no numbers."""
+    lost = base.n_rows - len(rows.t)
+    told = f" {lost} rows hold no numbers and are left out." if lost else ""
+    return (
+        Check(
+            "poses",
+            "warning" if lost else "ok",
+            f"{len(rows.t)} poses at rest, a row each, {base.typical:.3g} s apart: gravity and constant torques can be "
+            f"identified from them, and nothing of the dynamics.{told}",
+        ),
+    )

@@ -1,0 +1,158 @@
+"""Poses at which a robot stands, a row each: gravity, constant torques and the band of friction, and no more."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracles import arm, fourier_motion, pinocchio_torque, record
+from robots_at_rest import poses, write_poses
+
+from dynident.diagnosis import compare, diagnose
+from dynident.effects import EffectChoice
+from dynident.effects.choices import DEFAULT_EFFECTS, OFFSETS
+from dynident.errors import DynidentError
+from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
+from dynident.identification.imports.facts import Sample
+from dynident.identification.imports.guess import propose
+from dynident.identification.robot_recordings import import_for_robot
+from dynident.recordings import Recording, RecordingMetadata, recording_from_arrays
+from dynident.recordings.phases import phase_shares
+from dynident.recordings.poses import is_of_poses, jump_from_row_to_row
+from dynident.validation import validate_inertia_matrix
+from dynident.verdict import verdict
+
+CHOICES = IdentificationChoices((*DEFAULT_EFFECTS, OFFSETS))
+ARMS = ("ur10", "franka_panda", "crooked")
+
+
+def recorded(name: str, seed: int, count: int = 60, **more) -> Recording:
+    robot = arm(name)
+    return recording_from_arrays(*poses(robot, count, seed, **more), joint_names=robot.joint_names, name=f"poses{seed}")
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("name", ARMS)
+def test_gravity_and_offsets_are_identified_from_poses_and_hold_at_others(name, seed):
+    learnt, tried = recorded(name, seed, offset=1.5), recorded(name, seed + 10, offset=1.5)
+    assert is_of_poses(learnt)
+    assert len(learnt.segments) == 60
+    np.testing.assert_array_equal(phase_shares(learnt).standing, 1.0)
+    found = identify(arm(name), [learnt], [tried], CHOICES)
+    assert found.held_out.relative_total < 2e-3
+    assert found.model.is_at_rest
+    assert {choice.effect for choice in found.choices.effects} == {"rigid_body", "offset"}
+    offsets = [p for p in found.parameters if p.effect == "offset"]
+    # Beside an axis that gravity does not turn about, an offset is a first moment.
+    assert sum(abs(p.value - 1.5) < 4 * p.standard_deviation + 1e-3 for p in offsets) >= len(offsets) - 1
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_parameters_of_poses_are_those_of_the_description_at_rest(name):
+    robot = arm(name)
+    found = identify(robot, [recorded(name, 3)], [], CHOICES)
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-1.0, 1.0, (20, robot.n))
+    still = np.zeros_like(q)
+    model = found.model
+    entries = model.observation.evaluate(
+        q, still, still, reference=found.estimate.reference, memory=np.zeros((20, model.observation.n_memory))
+    )
+    predicted, expected = model.observation.torque(entries, found.values), pinocchio_torque(robot, q, still, still)
+    np.testing.assert_allclose(predicted, expected, atol=2e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", ["ur10", "crooked"])
+def test_the_band_of_friction_is_said(name):
+    learnt = recorded(name, 4, friction=0.05, both_sides=True)
+    found = identify(arm(name), [learnt], [], CHOICES)
+    robot = arm(name)
+    still = np.zeros((120, robot.n))
+    _, q, _ = poses(robot, 60, 4, friction=0.05, both_sides=True)
+    size = np.sqrt((pinocchio_torque(robot, q, still, still) ** 2).mean(axis=0)).max()
+    # Every row is off by the friction, one way or the other.
+    np.testing.assert_allclose(found.fit.rms, 0.05 * size, rtol=0.2)
+    assert "poses at rest: they tell the torque of gravity" in found.warnings[0]
+    assert "rotor_inertia, coulomb, viscous show in motion alone" in found.warnings[0]
+    assert found.warnings[1].startswith("Static friction and noise are within a band")
+    assert not any("inertia matrix" in warning for warning in found.warnings)
+
+
+def test_what_such_data_can_tell_is_said_in_the_verdict():
+    found = identify(arm("ur10"), [recorded("ur10", 0)], [recorded("ur10", 1)], CHOICES)
+    said = verdict(found, [recorded("ur10", 0)], [recorded("ur10", 1)])
+    assert not any(use.fit for use in said.uses)
+    assert all("Fit for gravity compensation" in use.reason for use in said.uses)
+    assert said.stop is None
+    assert said.next_steps == ("Record a designed motion to identify the dynamics.",)
+    assert validate_inertia_matrix(found).judged.verdict == "not_evaluated"
+
+
+def test_the_model_is_kept_in_files_compared_and_extended():
+    learnt, tried = recorded("ur10", 0), recorded("ur10", 1)
+    found = identify(arm("ur10"), [learnt], [tried], CHOICES)
+    back = from_bytes(to_bytes(found))
+    assert back.model.is_at_rest
+    compared = compare(back, tried)
+    assert compared.errors.relative_total == pytest.approx(found.held_out.relative_total)
+    assert len(compared.t) == 60
+    grown = extend(found, [EffectChoice("joint_spring", (arm("ur10").joint_names[0],))], [learnt], [tried])
+    assert grown.step.parent is found
+    assert any(parameter.effect == "joint_spring" for parameter in grown.parameters)
+    with pytest.raises(DynidentError, match="cannot be told from poses at rest"):
+        extend(found, [EffectChoice("stribeck", (), (("vs", 0.1), ("delta", 2.0)))], [learnt])
+    with pytest.raises(DynidentError, match="poses at rest show gravity"):
+        diagnose(found, [learnt])
+
+
+def test_poses_beside_a_motion_are_refused_in_words():
+    robot = arm("ur10")
+    motion = fourier_motion(robot, 5.0, 100.0, 0)
+    moved = record(robot, motion, pinocchio_torque(robot, motion.q, motion.dq, motion.ddq))
+    with pytest.raises(DynidentError, match="are poses at rest, the others motions"):
+        identify(robot, [moved], [recorded("ur10", 0)], CHOICES)
+
+
+@pytest.mark.parametrize("factor", [1.0, 180.0 / np.pi])
+@pytest.mark.parametrize("name", ARMS)
+def test_a_file_of_poses_is_proposed_and_read(name, factor, tmp_path):
+    robot = arm(name)
+    kinds = np.array([joint.kind == "revolute" for joint in robot.joints])
+    t, q, tau = poses(robot, 50, 7, friction=0.01)
+    path = write_poses(tmp_path / "poses.csv", t, q * np.where(kinds, factor, 1.0), tau)
+    joints = range(1, robot.n + 1)
+    names = ("t", *(f"q{j}" for j in joints), *(f"tau{j}" for j in joints))
+    found = propose(Sample(names, np.loadtxt(path, delimiter=",", skiprows=1), {}), robot)
+    assert "units/t" not in {question.field for question in found.questions}
+    assert "poses at rest" in found.guesses[0].reason or "poses at rest" in found.guesses[1].reason
+    units = {"q": "deg"} if factor != 1.0 and kinds.all() else {}
+    if kinds.all():
+        assert found.units == units
+        assert found.questions == ()
+    metadata = RecordingMetadata(name="poses", units=dict(found.units))
+    recording, checks = import_for_robot(robot, path, tmp_path / "stored.parquet", metadata)
+    assert is_of_poses(recording)
+    (check,) = [check for check in checks if check.name == "poses"]
+    assert "50 poses at rest" in check.detail
+    assert identify(robot, [recording], [], CHOICES).fit.relative_total < 0.1
+
+
+def test_rows_without_numbers_are_left_out_and_told(tmp_path):
+    t, q, tau = poses(arm("ur10"), 40, 2)
+    tau[7, 2] = np.nan
+    path = write_poses(tmp_path / "poses.csv", t, q, tau)
+    recording, checks = import_for_robot(arm("ur10"), path, tmp_path / "stored.parquet", RecordingMetadata())
+    assert recording.n_samples == 39
+    assert any("1 rows hold no numbers" in check.detail for check in checks)
+
+
+@pytest.mark.parametrize("rate", [2.0, 4.0, 8.0, 100.0])
+@pytest.mark.parametrize("name", ARMS)
+def test_samples_of_a_motion_are_no_poses(name, rate):
+    robot = arm(name)
+    motion = fourier_motion(robot, 60.0, rate, 1, base_frequency=0.05)
+    assert not jump_from_row_to_row(motion.q)
+
+
+def test_a_grid_of_poses_is_one_of_poses():
+    first, second = np.meshgrid(np.linspace(-1.5, 1.5, 6), np.linspace(-1.0, 1.0, 8), indexing="ij")
+    assert jump_from_row_to_row(np.column_stack([first.ravel(), second.ravel()]))
