@@ -10,7 +10,7 @@ distance from the description's bodies is part of the cost (`entropic`).
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import Reduction, Solution, errors, noise_levels, statistics, weighted
 from dynident.estimation.least_squares import doubtful_noise, weighted_factor, weights_settled
 from dynident.estimation.semidefinite import Constrained
+from dynident.identification.asked import Trust
 from dynident.identification.estimators.feasible_problem import Believed, FeasibleProblem, believed_of, problem_of
 from dynident.identification.fit import Fit
 from dynident.identification.problem import Problem
@@ -30,6 +31,9 @@ _ROUNDS = 20
 # Newton's steps: predicted gain of cost, in squared standard deviations, that is none; share of it that pays; shortest.
 _SETTLED, _PAYS, _SHORTEST, _MOST_STEPS = 1e-10, 1e-4, 1e-9, 100
 _NOTABLE = 1.02
+# Standard deviations of all parameters together within which two estimates are one: feasible estimates of nine real
+# machines come out at 0.14 at most, for rounding; those of plain least squares at 6.9 at least.
+_FEASIBLE = 0.2
 
 
 def feasible(asked: Problem) -> Fit:
@@ -67,6 +71,40 @@ def feasible(asked: Problem) -> Fit:
         _warnings(model, problem, found, data.equations, unconstrained),
         problem.standard(found),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class NearestFeasible:
+    """The feasible base parameters (b,) nearest to estimated ones.
+
+    `distance`: how far those are from feasible, in their own standard deviations; `limits` name what holds them back.
+    """
+
+    values: FloatArray
+    distance: float
+    limits: tuple[str, ...]
+
+    @property
+    def is_feasible(self) -> bool:
+        """Whether the estimated parameters themselves are feasible."""
+        return self.distance <= _FEASIBLE
+
+
+def nearest_feasible(model: Model, equations: Reduction, solution: Solution, trust: Trust) -> NearestFeasible:
+    """Look for the parameters of a robot that can exist nearest to those of a solution, whatever estimated it.
+
+    Raises
+    ------
+    DynidentError
+        Where nothing that is possible was found.
+    """
+    believed = believed_of(model, replace(trust, prior=None), solution)
+    problem = problem_of(model, equations, solution.known, believed.at(believed.belief.mean))
+    found = problem.nearest_to(solution)
+    values = problem.base_of(found)
+    distance = float(np.linalg.norm(solution.factor @ (values - solution.values)))
+    limits = [model.columns[k].name for k in found.zeros] + [problem.bodies[place].name for place in found.edges]
+    return NearestFeasible(values, distance, tuple(limits))
 
 
 def nearest(
