@@ -44,6 +44,11 @@ class Drift:
     starts: int
 
     @property
+    def after(self) -> tuple[float, ...]:
+        """Seconds after which it is told."""
+        return AFTER
+
+    @property
     def share(self) -> FloatArray:
         """(3, n): distance over way. Of a joint that hardly moves, over what a joint that stands may move."""
         return np.asarray(self.distance / np.maximum(self.way, STANDS))

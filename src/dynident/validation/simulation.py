@@ -14,9 +14,10 @@ from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Estimate, Identification
 from dynident.identification.estimators.recorded_motion import RecordedMotion, longest_stretch
 from dynident.identification.estimators.simulator import simulator_of
-from dynident.identification.thresholds import LARGEST_ERROR
+from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording, low_pass
+from dynident.recordings.phases import STANDS
 from dynident.simulation.truth import may_be_negative
 from dynident.threads import single_threaded
 from dynident.validation.on_recordings import check_limit
@@ -136,6 +137,14 @@ def _judged(
     )
     if errors.relative_total > limit:
         return Judged("fail", f"{text}, above the limit of {limit:.1%}.")
+    moves = np.ptp(motion.reference.q, axis=0) > STANDS
+    useless = [
+        f"{name} ({errors.relative[j]:.1%})"
+        for j, name in enumerate(names)
+        if moves[j] and errors.relative[j] > LARGEST_OF_JOINT
+    ]
+    if useless:
+        return Judged("fail", f"{text}, and above {LARGEST_OF_JOINT:.0%} on {', '.join(useless)}.")
     lost = [f"{name} ({share[j]:.1%})" for j, name in enumerate(names) if share[j] > _OFF]
     if lost:
         left = f"but the simulated robot leaves the recorded motion by more than {_OFF:.0%} of the range on"

@@ -21,7 +21,7 @@ from dynident.robot import Robot, tool_path
 FALSE_ALARMS_AN_HOUR = 1.0
 """What a detector may cost: a cell that stops for nothing more than once an hour is switched off."""
 
-FEWEST_BLOCKS = 20
+FEWEST_BLOCKS = 15
 """Seconds of held-out motion, at least: from fewer largest values no tail is told."""
 
 SEEN = 0.95
