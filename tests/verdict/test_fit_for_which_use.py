@@ -9,9 +9,9 @@ import pytest
 from one_joint import one_joint_run
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.diagnosis.comparing.sample_hashes import SampleHashes
 from dynident.identification import Identification, LadderStep, identify
 from dynident.recordings import Recording, Revision, recording_from_arrays
+from dynident.recordings.sample_hashes import SampleHashes
 from dynident.verdict import common_content, is_stopped, verdict
 
 ROBOT = arm("ur10")

@@ -89,13 +89,19 @@ def _outcomes(services: Services, identification_id: str) -> list[dict[str, Any]
 
 
 def refuse_stopped(found: Resource) -> None:
-    """Raise a problem 409 for a model whose error says that it is not to be used."""
+    """Raise a problem 409 for a model that its error, or held-out data of the fit, say not to use."""
     with importing():
         from dynident.identification.thresholds import STOP
 
     result = IdentificationResult.model_validate(found.result)
     errors = [one.relative_total for one in (result.validation, result.residual) if one is not None]
     worst = max((one for one in errors if one is not None), default=0.0)
+    if result.copied:
+        detail = (
+            f"The held-out data of this model ({', '.join(result.copied)}) hold samples that it was fitted to: nothing "
+            "has tried it. Hold out another measurement. To export it all the same, say anyway=true."
+        )
+        raise ProblemError(409, detail, title="Not fit for use")
     if worst > STOP:
         detail = (
             f"The error of this model is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect "

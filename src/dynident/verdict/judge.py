@@ -17,7 +17,7 @@ from dynident.validation.drift import Drift
 from dynident.verdict.collision_use import collision_findings
 from dynident.verdict.evidence import Evidence, Outcome
 from dynident.verdict.feed_forward_use import error_findings, feed_forward_findings
-from dynident.verdict.payload_use import payload_findings
+from dynident.verdict.payload_use import payload_findings, unit_findings
 from dynident.verdict.simulation_use import drift_of, simulation_findings
 from dynident.verdict.stopping import Stop, stop_of, tells_stop
 from dynident.verdict.tool_loads import DetectableForce, detectable_force, detectable_mass
@@ -114,8 +114,8 @@ def verdict(
         drift = drift_of(evidence)
         force, mass = detectable_force(robot, evidence.comparisons), detectable_mass(robot, evidence.comparisons)
         found: dict[UseName, list[Finding]] = {
-            "simulation": [*error_findings(evidence), *simulation_findings(evidence, drift)],
-            "feed_forward": feed_forward_findings(evidence),
+            "simulation": [*error_findings(evidence), *simulation_findings(evidence, drift), *unit_findings(evidence)],
+            "feed_forward": [*feed_forward_findings(evidence), *unit_findings(evidence)],
             "collision_detection": collision_findings(evidence, force),
             "payload": payload_findings(evidence, mass),
         }
@@ -191,8 +191,8 @@ def _veto(checks: Mapping[str, Sequence[Check]]) -> str:
 
 
 def is_stopped(identification: Identification) -> bool:
-    """Whether a model is not to be used, by its errors alone."""
-    return tells_stop(identification.held_out) or tells_stop(identification.fit)
+    """Whether a model is not to be used: its errors are too large, or its held-out data are those of the fit."""
+    return bool(identification.data.copied) or tells_stop(identification.held_out) or tells_stop(identification.fit)
 
 
 def _next_steps(found: Identification, stop: Stop | None, common: Sequence[Common]) -> list[str]:

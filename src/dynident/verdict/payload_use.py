@@ -22,6 +22,12 @@ def scale_findings(evidence: Evidence) -> list[Finding]:
     return [Finding("no", one.judged.reason, step) for one in evidence.failed("payload")]
 
 
+def unit_findings(evidence: Evidence) -> list[Finding]:
+    """What a known load that came out wrong is for uses in which torques are only compared with torques."""
+    sentence = "In the unit of the recorded torque alone: a known load came out wrong, and so are all masses."
+    return [Finding("limited", sentence, one.next_step) for one in scale_findings(evidence)]
+
+
 def payload_findings(evidence: Evidence, mass: float | None) -> list[Finding]:
     """Judge the scale of the torques by a known load, and the mass that shows."""
     found = [*error_findings(evidence), *scale_findings(evidence)]

@@ -44,8 +44,10 @@ def drift_of(evidence: Evidence) -> Drift | None:
 def _bodies(evidence: Evidence) -> list[Finding]:
     """Whether bodies, rotors and friction that can exist have the parameters; else what those that can would cost."""
     found = evidence.identification
-    if found.choices.solver.possible_bodies or not any(one.effect == LINKS.effect for one in found.model.effects):
+    if not any(one.effect == LINKS.effect for one in found.model.effects):
         return []
+    if found.estimate.standard is not None and not found.estimate.not_essential:
+        return []  # These standard parameters were looked for among those of bodies that can exist.
     try:
         nearest = nearest_feasible(
             found.model, found.data.equations, found.estimate.solution, found.choices.trust

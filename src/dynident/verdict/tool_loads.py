@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.arrays import BoolArray, FloatArray
 from dynident.diagnosis.comparing.autocorrelation import independent_squares
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.estimation.statistics import NORMAL_95
+from dynident.recordings.phases import Phase
 from dynident.robot import Robot, tool_path
 
 FALSE_ALARMS_AN_HOUR = 1.0
@@ -42,8 +43,8 @@ _FLAT = 1e-3
 class DetectableForce:
     """The `force` (N) at the tool that is seen in nearly all postures and directions.
 
-    `thresholds` (n,): of every joint's residual, N m or N, behind the filters of the identification; `seconds` of
-    held-out motion that they come from.
+    `thresholds` (n,): of every joint's residual, N m or N, behind the filters of the identification, infinite of joints
+    that move too seldom to have one; `seconds` of held-out motion that they come from.
     """
 
     force: float
@@ -53,19 +54,27 @@ class DetectableForce:
 
 def detectable_force(robot: Robot, comparisons: Sequence[Comparison]) -> DetectableForce | None:
     """Tell which force at the tool shows at `FALSE_ALARMS_AN_HOUR`; None where the data are too short or see none."""
-    maxima = [_block_maxima(one) for one in comparisons]
-    largest = np.concatenate(maxima) if maxima else np.zeros((0, robot.n))
-    if len(largest) < FEWEST_BLOCKS:
-        return None
+    blocks = [_Blocks.of(one) for one in comparisons]
+    seconds = _BLOCK * sum(len(one.maxima) for one in blocks)
     # Every joint may cry out: each has its share of the false alarms.
     share = FALSE_ALARMS_AN_HOUR / 3600.0 * _BLOCK / robot.n
-    thresholds = np.array([_threshold([one[:, j] for one in maxima if len(one)], share) for j in range(robot.n)])
+    # Static friction hides what pushes a joint that stands: only seconds in which it moves tell.
+    moving = [[one.maxima[one.moves[:, j], j] for one in blocks] for j in range(robot.n)]
+    counts = [sum(len(part) for part in own) for own in moving]
+    if max(counts, default=0) < FEWEST_BLOCKS:
+        return None
+    thresholds = np.array(
+        [
+            _threshold([part for part in own if len(part)], share) if count >= FEWEST_BLOCKS else np.inf
+            for own, count in zip(moving, counts, strict=True)
+        ]
+    )
     q = np.concatenate([one.q for one in comparisons])
     jacobian = tool_jacobian(robot, q[:: max(1, len(q) // _POSTURES)])
     seen = _seen(jacobian, thresholds)
     if seen is None:
         return None
-    return DetectableForce(float(np.quantile(1.0 / np.maximum(seen, _SMALL**2), SEEN)), thresholds, _BLOCK * len(largest))
+    return DetectableForce(float(np.quantile(1.0 / np.maximum(seen, _SMALL**2), SEEN)), thresholds, seconds)
 
 
 def detectable_mass(robot: Robot, comparisons: Sequence[Comparison]) -> float | None:
@@ -138,13 +147,22 @@ def _blocks_of(one: Comparison) -> FloatArray:
     return np.asarray(np.floor((one.t - one.t[0]) / _BLOCK) + 1e6 * one.segment)
 
 
-def _block_maxima(one: Comparison) -> FloatArray:
-    """(k, n): the largest residual of every joint in every block that is nearly whole."""
-    block = _blocks_of(one)
-    _, first, counts = np.unique(block, return_index=True, return_counts=True)
-    whole = counts >= 0.8 * np.median(counts)
-    parts = [np.abs(one.residual[a : a + k]).max(axis=0) for a, k in zip(first[whole], counts[whole], strict=True)]
-    return np.array(parts).reshape(-1, one.residual.shape[1])
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """Of every block that is nearly whole the largest residual `maxima` (k, n), and whether a joint `moves` (k, n)."""
+
+    maxima: FloatArray
+    moves: BoolArray
+
+    @classmethod
+    def of(cls, one: Comparison) -> _Blocks:
+        _, first, counts = np.unique(_blocks_of(one), return_index=True, return_counts=True)
+        whole = counts >= 0.8 * np.median(counts)
+        rows = [slice(a, a + k) for a, k in zip(first[whole], counts[whole], strict=True)]
+        n = one.residual.shape[1]
+        maxima = np.array([np.abs(one.residual[part]).max(axis=0) for part in rows]).reshape(-1, n)
+        moves = np.array([(one.phase[part] != Phase.STANDING).any(axis=0) for part in rows]).reshape(-1, n)
+        return cls(maxima, moves)
 
 
 def _torque_of_one_kilogram(robot: Robot, one: Comparison) -> FloatArray:

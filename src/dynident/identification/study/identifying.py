@@ -15,6 +15,7 @@ from dynident.identification.study.preparing import prepared
 from dynident.identification.study.result import Identification
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording, choose_preprocessing
+from dynident.recordings.sample_hashes import copied_recordings
 from dynident.regressors.model import build_model
 from dynident.robot.model import Robot
 from dynident.threads import single_threaded
@@ -56,4 +57,6 @@ def identify(
     effects, reference = prepared(robot, choices, ordinary, preprocessing, part(progress, 0.0, 0.5))
     choices = replace(choices, effects=effects, pole=rows.pole, interval=rows.interval)
     model = build_model(robot, choices.effects, tolerance=choices.tolerance)
-    return identify_model(model, recordings, validation, choices, preprocessing, reference, part(progress, 0.5, 1.0))
+    told = part(progress, 0.5, 1.0)
+    found = identify_model(model, recordings, validation, choices, preprocessing, reference, told)
+    return replace(found, data=replace(found.data, copied=copied_recordings(recordings, validation)))
