@@ -44,11 +44,12 @@ def feed_forward_findings(evidence: Evidence) -> list[Finding]:
             continue
         joint = int(np.nanargmax(phase.share))
         share = float(phase.share[joint])
-        figures.append(f"{phase.name} {share:.0%} ({joints[joint]})")
-        if share > NOTABLE_OF_JOINT:
-            state: State = "no" if share > LARGEST_OF_JOINT else "limited"
-            sentence = f"{phase.name.capitalize()} {joints[joint]} is off by {share:.0%} of its torque."
-            found.append(Finding(state, sentence, _PRESLIDING))
+        if share <= NOTABLE_OF_JOINT:
+            figures.append(f"{phase.name} {share:.0%} ({joints[joint]})")
+            continue
+        state: State = "no" if share > LARGEST_OF_JOINT else "limited"
+        sentence = f"{phase.name.capitalize()} {joints[joint]} is off by {share:.0%} of its torque."
+        found.append(Finding(state, sentence, _PRESLIDING))
     if not evidence.phases:
         sentence = "What is left where joints reverse and start takes the held-out recordings."
         found.append(Finding("limited", sentence, "Give the recordings that the model was tried on."))

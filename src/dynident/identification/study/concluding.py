@@ -59,7 +59,7 @@ def conclude(
     data = problem.data
     reduced = replace(reduced, equations=data.equations, training=data.torque)
     found = fit(choices, problem)
-    if choices.solver.possible_where_free:
+    if choices.solver.possible_where_free and choices.plan.at_once:
         found = move_where_free(model, data.equations, found, choices.trust)
     values = found.solution.values
     with_shapes = None if shaped is None else shaped(values)
