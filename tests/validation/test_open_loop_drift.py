@@ -52,4 +52,4 @@ def test_a_right_model_stays_near_and_one_of_other_links_runs_away() -> None:
     wrong = record(ROBOT, motion, 1.3 * pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq), "wrong")
     off = open_loop_drift(identify(ROBOT, [wrong], choices=LINKS), recordings[1:])
     assert off.share[1].max() > 0.3
-    assert (off.way == pytest.approx(right.way))
+    assert off.way == pytest.approx(right.way)

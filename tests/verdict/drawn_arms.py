@@ -65,7 +65,11 @@ def draw_arm(seed: int) -> DrawnArm:
     motion = fourier_motion(robot, 10.0, 50.0, 1)
     size = np.sqrt((described_torque(robot, motion.q, motion.dq, motion.ddq) ** 2).mean(axis=0))
     return DrawnArm(
-        robot, rng.uniform(0.05, 0.2, n), rng.uniform(0.04, 0.08, n) * size, rng.uniform(0.03, 0.06, n) * size, rng.uniform(0.01, 0.02, n) * size
+        robot,
+        rng.uniform(0.05, 0.2, n),
+        rng.uniform(0.04, 0.08, n) * size,
+        rng.uniform(0.03, 0.06, n) * size,
+        rng.uniform(0.01, 0.02, n) * size,
     )
 
 

@@ -156,7 +156,9 @@ def test_a_planted_mistake_passes_no_use_that_it_spoils(
 
 
 def test_mistakes_that_are_certain_are_told_as_such() -> None:
-    gains, drives, noise = ({one.use: one.state for one in f().uses} for f in (a_wrong_payload, friction_that_drives, much_noise))
+    gains, drives, noise = (
+        {one.use: one.state for one in f().uses} for f in (a_wrong_payload, friction_that_drives, much_noise)
+    )
     assert gains["payload"] == gains["collision_detection"] == "no"
     assert drives["simulation"] == "no"
     assert noise["collision_detection"] == "no"

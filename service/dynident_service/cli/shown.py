@@ -242,7 +242,9 @@ def _show_drift(console: Console, drift: Drift) -> None:
         for joint, each in zip(drift.joint_names, drift.share.T.tolist(), strict=True)
     ]
     columns = ("joint", *(f"after {after:g} s" for after in drift.after))
-    console.print(table("A simulation left alone under the measured torque is off by, of the joint's way", columns, rows))
+    console.print(
+        table("A simulation left alone under the measured torque is off by, of the joint's way", columns, rows)
+    )
 
 
 def show_ladder(console: Console, found: Identification) -> None:

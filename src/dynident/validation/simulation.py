@@ -142,7 +142,9 @@ def _judged(
     )
     if errors.relative_total > limit:
         return Judged("fail", f"{text}, above the limit of {limit:.1%}.")
-    useless = [f"{name} ({errors.relative[j]:.1%})" for j, name in enumerate(names) if errors.relative[j] > LARGEST_OF_JOINT]
+    useless = [
+        f"{name} ({errors.relative[j]:.1%})" for j, name in enumerate(names) if errors.relative[j] > LARGEST_OF_JOINT
+    ]
     if useless:
         return Judged("fail", f"{text}, and above {LARGEST_OF_JOINT:.0%} on {', '.join(useless)}.")
     lost = [f"{name} ({share[j]:.1%})" for j, name in enumerate(names) if share[j] > _OFF]

@@ -21,7 +21,9 @@ def collision_findings(evidence: Evidence, force: DetectableForce | None) -> lis
         sentence = f"{what}." if evidence.comparisons else f"{what} the held-out recordings."
         step = _LONGER if evidence.comparisons else "Give the recordings that the model was tried on."
         return [*found, Finding("not_judged", sentence, step)]
-    alarms = "one false alarm an hour" if FALSE_ALARMS_AN_HOUR == 1 else f"{FALSE_ALARMS_AN_HOUR:g} false alarms an hour"
+    alarms = (
+        "one false alarm an hour" if FALSE_ALARMS_AN_HOUR == 1 else f"{FALSE_ALARMS_AN_HOUR:g} false alarms an hour"
+    )
     figures = (
         f"At {alarms} a force of {force.force:.3g} N at the tool shows ({SEEN:.0%} of directions and postures of the "
         f"held-out motion, {force.seconds:.0f} s)."

@@ -35,7 +35,9 @@ def feed_forward_findings(evidence: Evidence) -> list[Finding]:
     worst = int(np.argmax(each))
     figures = [f"moving {each[worst]:.0%} ({joints[worst]})"]
     found = error_findings(evidence)
-    notable = [f"{joints[j]} {each[j]:.0%}" for j in range(len(joints)) if NOTABLE_OF_JOINT < each[j] <= LARGEST_OF_JOINT]
+    notable = [
+        f"{joints[j]} {each[j]:.0%}" for j in range(len(joints)) if NOTABLE_OF_JOINT < each[j] <= LARGEST_OF_JOINT
+    ]
     if notable:
         sentence = f"Much is left to the controller while they move: {', '.join(notable)}."
         found.append(Finding("limited", sentence, _DIAGNOSE))

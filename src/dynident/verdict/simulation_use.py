@@ -49,11 +49,11 @@ def _bodies(evidence: Evidence) -> list[Finding]:
     if found.estimate.standard is not None and not found.estimate.not_essential:
         return []  # These standard parameters were looked for among those of bodies that can exist.
     try:
-        nearest = nearest_feasible(
-            found.model, found.data.equations, found.estimate.solution, found.choices.trust
-        )
+        nearest = nearest_feasible(found.model, found.data.equations, found.estimate.solution, found.choices.trust)
     except DynidentError as error:
-        return [Finding("no", f"Whether bodies that can exist have these parameters is not known: {error.detail}.", CURE)]
+        return [
+            Finding("no", f"Whether bodies that can exist have these parameters is not known: {error.detail}.", CURE)
+        ]
     if nearest.is_feasible:
         return []
     names = ", ".join(nearest.limits[:_NAMED])
@@ -85,7 +85,9 @@ def _drift(drift: Drift) -> Finding:
     if not np.isfinite(short[0]).all():
         return Finding("no", f"Left alone under the measured torque, the simulation diverges. {figures}", CURE)
     if float(np.nanmax(short)) > LARGEST_DRIFT:
-        sentence = f"{figures} Above {LARGEST_DRIFT:.0%} of the way within {AFTER[1]:g} s it is no simulation of the robot."
+        sentence = (
+            f"{figures} Above {LARGEST_DRIFT:.0%} of the way within {AFTER[1]:g} s it is no simulation of the robot."
+        )
         return Finding("no", sentence, _DIAGNOSE)
     if float(np.nanmax(short)) > NOTABLE_DRIFT:
         sentence = f"Only with a controller, or for less than {AFTER[1]:g} s: {figures[0].lower()}{figures[1:]}"
