@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
-from dynident.identification import IdentificationChoices, identify
 from dynident.effects import EffectChoice
+from dynident.identification import IdentificationChoices, identify
 from dynident.robot import to_pinocchio
 from dynident.simulation import Reference, VirtualRobot
 from dynident.validation.drift import open_loop_drift

@@ -23,8 +23,8 @@ _RATE = 200.0
 class DrawnArm:
     """A serial arm, and the friction and noise (n,) of its joints in N m or N; `noise` white, of the measured torque.
 
-    `rotors` (n,) are inertias behind the gears; `dry` gives the shape of Coulomb friction along a motion (m, n), between
-    -1 and 1.
+    `rotors` (n,) are inertias behind the gears; `dry` gives the shape of Coulomb friction along a motion (m, n),
+    between -1 and 1.
     """
 
     robot: Robot

@@ -79,8 +79,7 @@ async def get_verdict(identification_id: str, request: Request, services: Servic
 def _outcomes(services: Services, identification_id: str) -> list[dict[str, Any]]:
     """How the newest validation of every kind ended."""
     page = services.resources.page("validation", MOST_OUTCOMES, on_id=identification_id)
-    ended = [one for one in page.items if one.status == "succeeded" and one.result is not None]
-    newest = {one.request["kind"]: one.result for one in reversed(ended)}
+    newest = {one.request["kind"]: one.result for one in reversed(page.items) if one.result is not None}
     return [
         {"kind": kind, "verdict": result["verdict"], "reason": result["reason"]}
         for kind, result in sorted(newest.items())

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.recordings.types import Recording
 from dynident.recordings.spectra import used_runs
+from dynident.recordings.types import Recording
 
 Hashes = NDArray[np.uint64]
 

@@ -83,7 +83,7 @@ def _starts(motion: RecordedMotion, most: int) -> list[int]:
     if last < 0:
         return []
     times = np.linspace(0.0, last, min(most, int(last / _APART) + 1)) + t[0]
-    return np.searchsorted(t, times - 1e-9).tolist()
+    return [int(k) for k in np.searchsorted(t, times - 1e-9)]
 
 
 def _leave_alone(simulator: Simulator, motion: RecordedMotion, start: int) -> tuple[FloatArray, FloatArray]:

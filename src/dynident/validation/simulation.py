@@ -137,8 +137,8 @@ def _judged(
     names = identification.model.robot.joint_names
     worst = int(np.argmax(errors.relative))
     text = (
-        f"Over {motion.reference.duration:.1f} s, while joints move, the simulated torque is {errors.relative_total:.1%} "
-        f"off the measured one (largest on {names[worst]}, {errors.relative[worst]:.1%})"
+        f"Over {motion.reference.duration:.1f} s, while joints move, the simulated torque is "
+        f"{errors.relative_total:.1%} off the measured one (largest on {names[worst]}, {errors.relative[worst]:.1%})"
     )
     if errors.relative_total > limit:
         return Judged("fail", f"{text}, above the limit of {limit:.1%}.")

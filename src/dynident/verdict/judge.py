@@ -60,7 +60,7 @@ class ModelVerdict:
         return block(paragraph(self.summary, strong=True), listed(self._lines()))
 
     def _lines(self) -> list[str]:
-        """What it is fit for, why, and what next, unless it is not to be used at all; and what to do about the error."""
+        """What it is fit for and why, unless it is not to be used at all; then what to do about the error."""
         uses = () if self.stop is not None else self.uses
         told = [f"{one.mark} {one.words}: {one.reason} → {one.next_step}" for one in uses]
         return [*told, *(f"→ {step}" for step in self.next_steps)]

@@ -61,7 +61,8 @@ def _bodies(evidence: Evidence) -> list[Finding]:
     cost = ""
     if found.data.held_out is not None:
         after = errors(found.data.held_out, nearest.values).relative_total
-        cost = f" The nearest that can have a held-out error of {after:.2%} instead of {evidence.held_out.relative_total:.2%}."
+        before = evidence.held_out.relative_total
+        cost = f" The nearest that can have a held-out error of {after:.2%} instead of {before:.2%}."
     return [Finding("no", f"No bodies that can exist have these parameters ({names}{more}).{cost}", CURE)]
 
 

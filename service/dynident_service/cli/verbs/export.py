@@ -38,8 +38,8 @@ def export(
     if is_stopped(identification) and not choices.anyway:
         copied = ", ".join(identification.data.copied)
         why = (
-            f"the held-out data of this model ({copied}) hold samples that it was fitted to: nothing has tried it. Hold "
-            "out a recording of another motion"
+            f"the held-out data of this model ({copied}) hold samples that it was fitted to: nothing has tried it. "
+            "Hold out a recording of another motion"
             if copied
             else f"the error of this model is above {STOP:.0%}: something else is wrong than a missing effect, and "
             "`dynident identify` says what it may be"

@@ -33,9 +33,9 @@ _ROUNDS = 20
 # Newton's steps: predicted gain of cost, in squared standard deviations, that is none; share of it that pays; shortest.
 _SETTLED, _PAYS, _SHORTEST, _MOST_STEPS = 1e-10, 1e-4, 1e-9, 100
 FREE = 1.02
-"""Times the error of the fit up to which feasible parameters cost nothing. Of 20 models of eight real machines, plain ones
-and extended ones, those below have a held-out error that falls or rises by 0.5 % at most; of those above it rises by up to
-9 %."""
+"""Times the error of the fit up to which feasible parameters cost nothing. Of 20 models of eight real machines, plain
+and extended ones, those below have a held-out error that rises by 0.5 % at most or falls; above, it rises by up to 9 %.
+"""
 
 # What the description counts for in what the data leave open, where only the distance is asked for, which it must not
 # add to: with the usual 0.03 feasible parameters of a real arm seem eleven standard deviations off, with this 0.1.
@@ -131,8 +131,8 @@ def move_where_free(model: Model, equations: Reduction, found: Fit, trust: Trust
     Its covariance stays: the feasible set holds the truth and is convex, so that moving to it brings no estimate
     farther from the truth, measured by that covariance, and intervals of the same width hold it as often.
     """
-    # What sits in some runs alone is a difference between them, which is asked whether it is there at all: held to bodies
-    # that can exist it would always seem to be.
+    # What sits in some runs alone is a difference between them, and the question is whether it is there at all: held to
+    # bodies that can exist it would always seem to be.
     if not bodies_of(model.columns) or any(column.runs for column in model.columns):
         return found
     try:
