@@ -40,7 +40,9 @@ class DetectableForceView(Shown):
     """The force at the tool that shows above what the model leaves, at one false alarm an hour."""
 
     force: float = Field(description="N, in 95 % of the directions and the postures of the held-out motion")
-    thresholds: list[float] = Field(description="Of every joint's residual behind the model's filters, N m or N")
+    thresholds: list[float | None] = Field(
+        description="Of every joint's residual behind the model's filters, N m or N; null: it moves too seldom"
+    )
     seconds: float = Field(description="Of held-out motion that this comes from")
 
 

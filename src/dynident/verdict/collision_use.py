@@ -10,7 +10,7 @@ from dynident.verdict.tool_loads import FALSE_ALARMS_AN_HOUR, FEWEST_BLOCKS, SEE
 from dynident.verdict.use import Finding
 
 _LONGER = f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints that carry the tool."
-_DIAGNOSE = "Find what is missing: `dynident diagnose MODEL RUN`."
+_DIAGNOSE = "Find what is missing: dynident diagnose MODEL RUN."
 
 
 def collision_findings(evidence: Evidence, force: DetectableForce | None) -> list[Finding]:

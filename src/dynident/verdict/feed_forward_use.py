@@ -8,8 +8,8 @@ from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, 
 from dynident.verdict.evidence import Evidence
 from dynident.verdict.use import Finding, State
 
-_DIAGNOSE = "Find what is missing: `dynident diagnose MODEL RUN`."
-_PRESLIDING = "Find what is missing, most often presliding friction: `dynident diagnose MODEL RUN`."
+_DIAGNOSE = "Find what is missing: dynident diagnose MODEL RUN."
+_PRESLIDING = "Find what is missing, most often presliding friction: dynident diagnose MODEL RUN."
 
 
 def error_findings(evidence: Evidence) -> list[Finding]:
@@ -41,6 +41,7 @@ def feed_forward_findings(evidence: Evidence) -> list[Finding]:
     if notable:
         sentence = f"Much is left to the controller while they move: {', '.join(notable)}."
         found.append(Finding("limited", sentence, _DIAGNOSE))
+    remembers = bool(evidence.identification.model.signals.memory_signals)
     for phase in evidence.phases[1:]:
         if np.isnan(phase.share).all():
             continue
@@ -51,7 +52,7 @@ def feed_forward_findings(evidence: Evidence) -> list[Finding]:
             continue
         state: State = "no" if share > LARGEST_OF_JOINT else "limited"
         sentence = f"{phase.name.capitalize()} {joints[joint]} is off by {share:.0%} of its torque."
-        found.append(Finding(state, sentence, _PRESLIDING))
+        found.append(Finding(state, sentence, _DIAGNOSE if remembers else _PRESLIDING))
     if not evidence.phases:
         sentence = "What is left where joints reverse and start takes the held-out recordings."
         found.append(Finding("limited", sentence, "Give the recordings that the model was tried on."))

@@ -138,10 +138,10 @@ def verdict(
 
 _ANOTHER = "Hold out another motion: this one is that of the fit."
 _WHEN_GOOD: Mapping[UseName, str] = {
-    "simulation": "Export it: `dynident export MODEL -f urdf`, or `-f mjcf`.",
-    "feed_forward": "Export it: `dynident export MODEL -f c`, or `-f casadi`.",
-    "collision_detection": "Export it, and watch the residual behind the same filters: `dynident export MODEL -f c`.",
-    "payload": "Weigh a load: hold out runs with it, and `dynident validate MODEL payload`.",
+    "simulation": "Export it: dynident export MODEL -f urdf, or -f mjcf.",
+    "feed_forward": "Export it: dynident export MODEL -f c, or -f casadi.",
+    "collision_detection": "Export it, and watch the residual behind the same filters: dynident export MODEL -f c.",
+    "payload": "Weigh a load: hold out runs with it, and dynident validate MODEL payload.",
 }
 _REVISES: Mapping[UseName, tuple[str, ...]] = {
     "simulation": ("simulation", "inertia_matrix", "cross", "direct"),
@@ -158,7 +158,7 @@ def _revised(evidence: Evidence, name: UseName) -> list[Finding]:
         Finding(
             "no",
             f"The validation {one.kind.replace('_', ' ')} failed: {one.judged.reason}",
-            "Find what is missing: `dynident diagnose MODEL RUN`.",
+            "Find what is missing: dynident diagnose MODEL RUN.",
         )
         for one in evidence.failed(*_REVISES[name])
     ]

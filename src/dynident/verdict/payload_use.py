@@ -9,8 +9,8 @@ from dynident.verdict.feed_forward_use import error_findings
 from dynident.verdict.use import Finding
 
 GAINS = (
-    "Run the motion of the identification with a load that was weighed: `dynident validate MODEL payload LOADED "
-    "--unloaded RUN --mass KG`."
+    "Run the motion of the identification with a load that was weighed: dynident validate MODEL payload LOADED "
+    "--unloaded RUN --mass KG."
 )
 _LEAST_DETERMINED = 0.5
 """Share of the links' parameters that the data have to determine before a load is weighed against them."""
@@ -18,7 +18,7 @@ _LEAST_DETERMINED = 0.5
 
 def scale_findings(evidence: Evidence) -> list[Finding]:
     """A known load that came out wrong: all torques, forces and masses are off by as much."""
-    step = "Find the drive gains from the runs without and with the load: `dynident gains`."
+    step = "Find the drive gains from the runs without and with the load: dynident gains."
     return [Finding("no", one.judged.reason, step) for one in evidence.failed("payload")]
 
 
@@ -34,7 +34,7 @@ def payload_findings(evidence: Evidence, mass: float | None) -> list[Finding]:
     error = evidence.held_out.relative_total
     if error > LARGEST_TO_WEIGH:
         sentence = f"The held-out error is {error:.1%}, above {LARGEST_TO_WEIGH:.0%}: what is left is taken for a load."
-        found.append(Finding("no", sentence, "Find what is missing: `dynident diagnose MODEL RUN`."))
+        found.append(Finding("no", sentence, "Find what is missing: dynident diagnose MODEL RUN."))
     parameters = evidence.identification.parameters
     links = [one for one in parameters if one.effect == LINKS.effect and one.judgement != "zero_in_interval"]
     sure = sum(one.judgement == "determined" for one in links)
@@ -43,7 +43,7 @@ def payload_findings(evidence: Evidence, mass: float | None) -> list[Finding]:
             f"Of the {len(links)} parameters of the links that are not zero the data determine {sure}: a load would be "
             "weighed against uncertain ones."
         )
-        found.append(Finding("no", sentence, "Record a longer, designed motion: `dynident design`."))
+        found.append(Finding("no", sentence, "Record a longer, designed motion: dynident design."))
     checked = evidence.passed("payload")
     if not checked:
         sentence = "Nothing has checked the drive gains: with wrong ones every load is as wrong, and no error shows it."

@@ -17,8 +17,8 @@ from dynident.verdict.use import Finding
 # Limits of nature that are named; of more their number is said.
 _NAMED = 3
 _POSTURES = 200
-_DIAGNOSE = "Find what is missing: `dynident diagnose MODEL RUN`."
-CURE = "Identify again with bodies that can exist: `dynident identify … --estimator feasible`."
+_DIAGNOSE = "Find what is missing: dynident diagnose MODEL RUN."
+CURE = "Identify again with bodies that can exist: dynident identify … --estimator feasible."
 
 
 def simulation_findings(evidence: Evidence, drift: Drift | None) -> list[Finding]:

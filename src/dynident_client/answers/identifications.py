@@ -73,8 +73,8 @@ class DetectableForceView(TypedDict):
     """N, in 95 % of the directions and the postures of the held-out motion"""
     seconds: float
     """Of held-out motion that this comes from"""
-    thresholds: list[float]
-    """Of every joint's residual behind the model's filters, N m or N"""
+    thresholds: list[float | None]
+    """Of every joint's residual behind the model's filters, N m or N; null: it moves too seldom"""
 
 
 class DriftView(TypedDict):
