@@ -21,7 +21,9 @@ def error_findings(evidence: Evidence) -> list[Finding]:
     bad = [f"{joints[j]} ({each[j]:.0%})" for j in range(len(joints)) if not each[j] <= LARGEST_OF_JOINT]
     if bad:
         sentence = f"Where they move, joints are above {LARGEST_OF_JOINT:.0%}: {', '.join(bad)}."
-        found.append(Finding("no", sentence, f"Look at the torque of {bad[0].split(' (')[0]}: {_lower(_DIAGNOSE)}"))
+        found.append(
+            Finding("no", sentence, f"Find what is missing on {bad[0].split(' (')[0]}: dynident diagnose MODEL RUN.")
+        )
     if evidence.never_moving:
         names = ", ".join(evidence.never_moving)
         sentence = f"Nothing is told of {names}, which never moves in the held-out data."
@@ -58,7 +60,3 @@ def feed_forward_findings(evidence: Evidence) -> list[Finding]:
         found.append(Finding("limited", sentence, "Give the recordings that the model was tried on."))
     good = f"The held-out error is {error:.1%}; the worst joint {', '.join(figures)}."
     return [*found, Finding("yes", good)]
-
-
-def _lower(text: str) -> str:
-    return text[0].lower() + text[1:]
