@@ -10,7 +10,6 @@ from dynident.estimation import Linearised, Reduction, errors, noise_levels
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.checks import check_reduction, check_torque
 from dynident.identification.equations.data import Data
-from dynident.identification.estimators.feasible import move_where_free
 from dynident.identification.fit import Fit
 from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
 from dynident.identification.problem import Problem
@@ -59,8 +58,6 @@ def conclude(
     data = problem.data
     reduced = replace(reduced, equations=data.equations, training=data.torque)
     found = fit(choices, problem)
-    if choices.solver.possible_where_free and choices.plan.at_once:
-        found = move_where_free(model, data.equations, found, choices.trust)
     values = found.solution.values
     with_shapes = None if shaped is None else shaped(values)
     if with_shapes is not None:
