@@ -24,6 +24,7 @@ from dynident.identification.study.preparing import prepared
 from dynident.identification.study.result import Identification
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording, choose_preprocessing
+from dynident.recordings.sample_hashes import copied_recordings
 from dynident.regressors.model import build_model
 from dynident.robot.model import Robot
 from dynident.threads import single_threaded
@@ -76,10 +77,11 @@ def identify(
     effects, reference = prepared(robot, choices, ordinary, preprocessing, part(progress, 0.0, 0.5))
     choices = replace(choices, effects=effects, pole=rows.pole, interval=rows.interval)
     model = build_model(robot, choices.effects, tolerance=choices.tolerance)
-    found = identify_model(model, recordings, validation, choices, preprocessing, reference, part(progress, 0.5, 1.0))
+    told = part(progress, 0.5, 1.0)
+    found = identify_model(model, recordings, validation, choices, preprocessing, reference, told)
     narrow = None if given.preprocessing else narrow_band(found, ordinary)
-    if narrow is None:
-        return found
-    band, why = narrow
-    found = identify(robot, recordings, validation, replace(given, preprocessing=band), progress)
-    return replace(found, warnings=(why, *found.warnings))
+    if narrow is not None:
+        band, why = narrow
+        found = identify(robot, recordings, validation, replace(given, preprocessing=band), progress)
+        return replace(found, warnings=(why, *found.warnings))
+    return replace(found, data=replace(found.data, copied=copied_recordings(recordings, validation)))
