@@ -65,7 +65,7 @@ def check_chunk(size: int, where: str) -> None:
 
 
 def check_unpacked(size: int, file_size: int, smallest: int | None = None) -> None:
-    """Refuse a file whose content is many times larger than the file, and than `smallest`: `MOST_UNPACKED` of arrays."""
+    """Refuse a file whose content is many times larger than the file, and than `smallest` bytes."""
     most = max(MOST_UNPACKED if smallest is None else smallest, MOST_TIMES * file_size)
     if size > most:
         raise RecordingError(

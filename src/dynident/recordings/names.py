@@ -54,8 +54,8 @@ def readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:
     several = (path,) if isinstance(path, (str, Path)) else path
     if not (isinstance(several, tuple) and several and all(isinstance(part, (str, Path)) for part in several)):
         raise DynidentError(
-            f"{path!r} is no path; give the files one by one, read_recordings(*paths, robot=robot), and a tuple of them "
-            "where they are one recording"
+            f"{path!r} is no path; give the files one by one, read_recordings(*paths, robot=robot), and as a tuple "
+            "those that are one recording"
         )
     found = Path(JOINT.join(map(str, several)))
     for part in parts_of(found):
