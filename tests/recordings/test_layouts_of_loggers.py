@@ -15,7 +15,7 @@ from dynident.desk.reading import read_recordings
 from dynident.identification.imports.guess import propose
 from dynident.identification.imports.inspecting import sample_of
 from dynident.identification.imports.units import factor_of
-from dynident.recordings import RecordingError
+from dynident.recordings import RecordingError, RecordingMetadata
 from dynident.robot import Robot, robot_from_urdf
 
 CASES = [("ur10", 200.0, 1), ("franka_panda", 125.0, 2), ("crooked", 250.0, 3)]
@@ -78,7 +78,13 @@ def test_an_import_gives_what_the_look_at_the_file_proposed(tmp_path, layout):
     path, rate = LAYOUTS[layout](tmp_path, run), case[1] if layout in WITHOUT_TIME else None
     proposal = propose(sample_of(path, rate), robot)
     files = tuple(path.parent / one for one in path.name.split("+"))
-    (item,) = read_recordings(files, robot=robot, columns=dict(proposal.columns), units=dict(proposal.units), rate=rate)
+    (item,) = read_recordings(
+        files,
+        robot=robot,
+        columns=dict(proposal.columns),
+        units=dict(proposal.units),
+        metadata=RecordingMetadata(rate=rate),
+    )
     assert item.recording.n_samples >= len(run.t) - 2
     assert abs(item.recording.sampling_rate - case[1]) < 0.01 * case[1]
     frame = item._columns().values

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypedDict
@@ -10,6 +9,7 @@ from typing import TypedDict
 from dynident.desk.robots import DriveGains, with_gains
 from dynident.html import block, listed, paragraph, table
 from dynident.identification.imports import Guess, Inspection, Question, inspect_file
+from dynident.recordings import RecordingMetadata
 from dynident.recordings.names import readable_path
 from dynident.robot import Robot
 
@@ -22,7 +22,7 @@ class ProposedColumns(TypedDict, total=False):
 
     columns: dict[str, str]
     units: dict[str, str]
-    rate: float
+    metadata: RecordingMetadata
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class InspectedFile:
         if proposal is None:
             return {}
         said: ProposedColumns = {"columns": dict(proposal.columns), "units": dict(proposal.units)}
-        return said if self.rate is None else {**said, "rate": self.rate}
+        return said if self.rate is None else {**said, "metadata": RecordingMetadata(rate=self.rate)}
 
     def __repr__(self) -> str:
         lines = [self._head()]
@@ -75,7 +75,7 @@ class InspectedFile:
 
 
 def inspect(
-    path: str | Path | Sequence[str | Path],
+    path: str | Path | tuple[str | Path, ...],
     robot: Robot | None = None,
     *,
     drive_gains: DriveGains | None = None,
@@ -86,7 +86,7 @@ def inspect(
     Parameters
     ----------
     path : path, or several
-        Several files that are one recording are given together: ("q.csv", "dq.csv", "tau.csv").
+        Several files that are one recording are given as a tuple: ("q.csv", "dq.csv", "tau.csv").
     robot : Robot, optional
         Whose recording it is; without it the columns are only listed.
     drive_gains : mapping of joint name to float, or one float a joint

@@ -33,13 +33,12 @@ _REWORDED = (
 
 
 def read_recordings(
-    *paths: str | Path | Sequence[str | Path],
+    *paths: str | Path | tuple[str | Path, ...],
     robot: Robot,
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     windows: Sequence[tuple[float, float]] = (),
     drive_gains: DriveGains | None = None,
-    rate: float | None = None,
     metadata: RecordingMetadata | None = None,
     cure: bool = False,
     progress: Progress = silent,
@@ -56,7 +55,7 @@ def read_recordings(
     Parameters
     ----------
     paths : path, or several
-        Each recording is called after its file, without the ending. Files that are one recording are given together:
+        Each recording is called after its file, without the ending. Files that are one recording are given as a tuple:
         ("q.csv", "dq.csv", "tau.csv").
     robot : Robot
         Whose joints the columns are of; its limits are checked against, and its drive gains turn currents to torques.
@@ -68,12 +67,10 @@ def read_recordings(
         Seconds of t to use; all of them where there are none.
     drive_gains : mapping of joint name to float, or one float a joint
         G_T of [12.17] in N m (N) per unit of current, for these files instead of the robot's.
-    rate : float, optional
-        Hz of the rows, where the files have no time.
     metadata : RecordingMetadata, optional
         Everything that can be said of a file: its role ("friction" for runs at constant velocity, one joint at a time),
-        a known payload, checks to accept, signs, factors and order of columns, a delay of the torque. What is said
-        beside it wins, and recordings are called after their files all the same.
+        a known payload, the rate of rows without a time, checks to accept, signs, factors and order of columns, a delay
+        of the torque. What is said beside it wins, and recordings are called after their files all the same.
     cure : bool
         Read what would be refused as its checks propose (their `apply`), and say so among the findings.
 
@@ -98,8 +95,6 @@ def read_recordings(
         said = replace(said, columns=dict(columns))
     if units is not None:
         said = replace(said, units=dict(units))
-    if rate is not None:
-        said = replace(said, rate=rate)
     if windows:
         said = replace(said, windows=tuple((float(start), float(end)) for start, end in windows))
     found: list[CheckedRecording] = []

@@ -76,10 +76,10 @@ def csv_dialect(start: bytes) -> Dialect:
     original = text.splitlines()
     if len(start) == _LOOKED_AT and len(original) > 1:
         original.pop()  # it is cut off
-    closed = close_lists(original)
+    whole = close_lists(original)
     rewrite: list[Callable[[str], str]] = []
-    if has_lists(closed):
-        original = closed
+    if has_lists(whole):
+        original = whole
         rewrite.append(flatten_lists)
     lines = flatten_lists("\n".join(original)).splitlines() if rewrite else original
     if _is_aligned(lines):

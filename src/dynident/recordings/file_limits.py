@@ -64,9 +64,9 @@ def check_chunk(size: int, where: str) -> None:
         )
 
 
-def check_unpacked(size: int, file_size: int, smallest: int = MOST_UNPACKED) -> None:
-    """Refuse a file whose content is many times larger than the file, and than `smallest`."""
-    most = max(smallest, MOST_TIMES * file_size)
+def check_unpacked(size: int, file_size: int, smallest: int | None = None) -> None:
+    """Refuse a file whose content is many times larger than the file, and than `smallest` bytes."""
+    most = max(MOST_UNPACKED if smallest is None else smallest, MOST_TIMES * file_size)
     if size > most:
         raise RecordingError(
             f"What the file holds unpacks to more than {most / 2**20:.0f} MB, from {file_size / 2**20:.3g} MB: no "
@@ -86,11 +86,11 @@ class UnpackedSize:
     Parameters
     ----------
     file_size : int
-    smallest : int
-        Bytes to which any file may unpack.
+    smallest : int, optional
+        Bytes to which any file may unpack; `MOST_UNPACKED` where not given.
     """
 
-    def __init__(self, file_size: int, smallest: int = MOST_UNPACKED) -> None:
+    def __init__(self, file_size: int, smallest: int | None = None) -> None:
         self._file_size, self._smallest, self._size = file_size, smallest, 0
 
     def add(self, size: int) -> None:

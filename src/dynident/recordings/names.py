@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 from dynident.errors import DynidentError
@@ -43,7 +43,7 @@ def parts_of(path: Path) -> list[Path]:
     return [first, *(other if other.exists() else first.parent / other for other in others)]
 
 
-def readable_path(path: str | Path | Sequence[str | Path]) -> Path:
+def readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:
     """Give the path of a recording, in one file or in several.
 
     Raises
@@ -51,9 +51,12 @@ def readable_path(path: str | Path | Sequence[str | Path]) -> Path:
     DynidentError
         For what is no path, or a file that is not there.
     """
-    several = [path] if isinstance(path, (str, Path)) else path
-    if not isinstance(several, (list, tuple)) or not all(isinstance(part, (str, Path)) for part in several):
-        raise DynidentError(f"{path!r} is no path; give the files one by one: read_recordings(*paths, robot=robot)")
+    several = (path,) if isinstance(path, (str, Path)) else path
+    if not (isinstance(several, tuple) and several and all(isinstance(part, (str, Path)) for part in several)):
+        raise DynidentError(
+            f"{path!r} is no path; give the files one by one, read_recordings(*paths, robot=robot), and as a tuple "
+            "those that are one recording"
+        )
     found = Path(JOINT.join(map(str, several)))
     for part in parts_of(found):
         if not part.is_file():
