@@ -6,12 +6,13 @@ Every open recording and recordings of drawn arms, elastic and poorly excited on
 with one mistake: torques, positions or both of two joints exchanged, a sign turned round, all signs, degrees for
 radians, gains ten times too large (all joints, each joint), the torque of the outer joints in counts, torque 20 ms late
 or early, gravity in another direction than the description has it, the load of gravity for a measurement, a joint
-counted from the one before, the description in grams. `noticed`: a check warns or refuses that did not on the untouched
-file. `true first`: the first thing that is said is what was planted. `cured`: what the checks propose (their `apply`),
-applied one after the other, gives the untouched signals back, or ones that the robot's dynamics explain as well; of
-delays, what is said is what was planted and what the untouched file has, to 6 ms. `wrongly ordered`: what `--cure`
-makes of the file is read, and neither. `harmful` are those that let the unexplained share of the torque grow by a
-tenth, and those of unit, gain, delay and kind.
+counted from the one before, the description in grams, positions in counts of an encoder, torques in registers whose
+sign was not read, a joint without torque, torques in the order from the last joint on. `noticed`: a check warns or
+refuses that did not on the untouched file. `true first`: the first thing that is said is what was planted. `cured`:
+what the checks propose (their `apply`), applied one after the other, gives the untouched signals back, or ones that the
+robot's dynamics explain as well; of delays, what is said is what was planted and what the untouched file has, to 6 ms.
+`wrongly ordered`: what `--cure` makes of the file is read, and neither. `harmful` are those that let the unexplained
+share of the torque grow by a tenth, and those of unit, gain, delay and kind.
 """
 
 from __future__ import annotations
@@ -71,10 +72,14 @@ NAMES: dict[str, tuple[str, ...]] = {
     "command": ("commanded_torque", "constant_torque"),
     "coupled": ("joint_coupling",),
     "grams": ("description_units",),
+    "counts": ("position_unit",),
+    "registers": ("registers",),
+    "no torque": ("joint_torque",),
+    "last joint first": ("torque_order", "joint_order"),
 }
 """Checks that name each mistake."""
-TOLD_ONLY = ("gravity", "command", "coupled", "grams")
-"""Mistakes that nothing said of the file puts right."""
+TOLD_ONLY = ("gravity", "command", "coupled", "grams", "counts", "registers", "no torque")
+"""Mistakes that nothing said of the file puts right, or that are put right unasked."""
 FARAWAY = 30.0
 """Factor by which the outer joints' torques are multiplied at least, at most thirty times it."""
 
@@ -231,7 +236,38 @@ def plant_mistakes(columns: Columns, robot: Robot, rng: np.random.Generator, pai
         counted = {f"q{joint}": columns[f"q{joint}"] + columns[f"q{joint - 1}"]}
         others = {name: values for name, values in columns.items() if name.rstrip("0123456789") not in ("dq", "ddq")}
         yield Planted("coupled", f"joint {joint} counted from {joint - 1}", others | counted)
+    yield from _of_registers(columns, robot, effort, rng, moving)
     yield from _of_description(columns, robot, effort, rng)
+
+
+def _of_registers(
+    columns: Columns, robot: Robot, effort: str, rng: np.random.Generator, moving: list[int]
+) -> Iterator[Planted]:
+    """Numbers as drives have them, and those that they have not."""
+    n = robot.n
+    counts = float(rng.choice([4096, 20000, 65536, 131072, 1 << 20]))
+    turning = [k + 1 for k, joint in enumerate(robot.joints) if joint.kind == "revolute"]
+    others = {name: values for name, values in columns.items() if name.rstrip("0123456789") not in ("dq", "ddq")}
+    counted = {f"q{k}": np.rint(columns[f"q{k}"] * counts / (2.0 * np.pi)) for k in turning}
+    yield Planted("counts", f"{counts:.0f} counts a turn", others | counted)
+    bit, is_magnitude = int(rng.choice([10, 11, 15])), bool(rng.integers(2))
+    torques = {f"{effort}{k}": columns[f"{effort}{k}"] for k in range(1, n + 1)}
+    size = 0.9 * 2.0**bit / max(float(np.abs(values).max()) for values in torques.values())
+    whole = {name: np.rint(size * values) for name, values in torques.items()}
+    raw = {
+        name: np.where(values < 0, 2.0**bit - values if is_magnitude else 2.0 ** (bit + 1) + values, values)
+        for name, values in whole.items()
+    }
+    if any((values < 0).any() for values in whole.values()):
+        yield Planted("registers", f"sign in bit {bit}, {'magnitude' if is_magnitude else 'complement'}", columns | raw)
+    if n > 1:
+        silent = int(rng.integers(1, n + 1))
+        yield Planted(
+            "no torque", f"no torque {silent}", columns | {f"{effort}{silent}": np.full(len(columns["t"]), np.nan)}
+        )
+    if len(moving) == n > 3:
+        backward = {f"{effort}{k}": columns[f"{effort}{n + 1 - k}"] for k in range(1, n + 1)}
+        yield Planted("last joint first", "torques from the last joint on", columns | backward)
 
 
 def _of_description(columns: Columns, robot: Robot, effort: str, rng: np.random.Generator) -> Iterator[Planted]:

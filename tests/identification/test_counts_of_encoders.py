@@ -59,3 +59,12 @@ def test_degrees_in_whole_numbers_are_no_counts() -> None:
     given = log()
     found = guess(given.robot, given.columns(q=np.rint(np.rad2deg(given.q))))
     assert found.units.get("q") == "deg"
+
+
+def test_whole_numbers_that_may_be_degrees_are_refused_and_no_unit_is_taken_unasked(tmp_path: Path) -> None:
+    given = log("ur10", 4)
+    small = given.q[:, :1].mean() + 0.25 * (given.q - given.q.mean(axis=0))
+    columns = given.columns(q=np.rint(small * 4096 / (2.0 * np.pi)))
+    with pytest.raises(RecordingError, match="counts of an encoder") as raised:
+        read(given.robot, tmp_path, columns, cures=5)
+    assert [one.apply for one in raised.value.checks if one.status == "error"] == [None]

@@ -39,6 +39,7 @@ _REWORDED = (
     (re.compile(r'say "skip": \["(\w+)"\]'), r"say --skip \1"),
     (re.compile(r'"windows": \[\[([^,\]]+), ([^,\]]+)\]\]'), r"--windows {name}=\1:\2"),
     (re.compile(r'"units": \{"(\w+)": "([^"]+)"\}'), r"--units \1=\2"),
+    (re.compile(r'"locked_joints": \{"([^"]+)": 0\}'), r"--lock \1"),
     (re.compile(r'"columns": \{"(\w+)": "(\w+)"\}'), r"--columns \1=\2"),
     (re.compile(r'Name it by columns, \{"(\w+)": "…"\}'), r"Name it by --columns \1=…"),
     (re.compile(r'say "rate": …'), "say --rate HZ"),
@@ -116,7 +117,12 @@ def loaded(
                 skip=(*said.skip, *(cast("ConditioningStep", name) for name in reading.skip)),
             )
             share = part(progress, index / len(everything), (index + 1) / len(everything))
-            found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=reading.cure))
+            try:
+                found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=reading.cure))
+            except RecordingError as error:
+                if error.title == "Missing column" and name not in told and not reading.as_proposed:
+                    error.detail += " Or have the columns told by names and content: --as-proposed."
+                raise
         yield found[: len(paths)], found[len(paths) :]
 
 

@@ -23,6 +23,9 @@ TOLD = 0.005
 FASTEST = 25.0
 """No joint of an arm turns faster, in rad/s (240 rpm)."""
 
+WHOLE = 0.99
+"""Share of positions that are whole numbers where they are counts; others are put in where samples lack."""
+
 MOST_TURNS = 20.0 * pi
 """rad, ten turns: more than joints with limits make; and as times a joint's limits more than degrees are of radians."""
 
@@ -149,14 +152,17 @@ def _units(recording: Recording, seen: _Seen, layout: Layout, limits: tuple[Join
                 *where,
             )
         if _other_unit(limit, low, high, rate, small):
+            # Of whole numbers a unit that fits is not enough to be taken unasked.
+            counts = limit.kind == "revolute" and bool((seen.q[:, joint] == np.rint(seen.q[:, joint])).mean() > WHOLE)
+            also = ' Whole numbers may be the counts of an encoder, too: "counts:4096" a turn.' if counts else ""
             return Check(
                 "position_unit",
                 "error",
                 f"{column} runs from {low:.4g} to {high:.4g} {ours} at up to {rate:.3g} {ours}/s (farthest in row "
-                f'{where[0]}, t = {where[1]:.6g} s); that looks like {unit}. Say "units": {{"q": "{unit}"}}.',
+                f'{where[0]}, t = {where[1]:.6g} s); that looks like {unit}. Say "units": {{"q": "{unit}"}}.{also}',
                 column,
                 *where,
-                Revision(units=_of_all_alike("q", unit, limit, limits)),
+                None if counts else Revision(units=_of_all_alike("q", unit, limit, limits)),
             )
         if limit.position is not None and doubtful is None:
             slack = 0.02 * (limit.position[1] - limit.position[0])

@@ -295,16 +295,20 @@ class _Finder:
         return RecordingError(
             f"No column {wanted} for {kind}{whose}{instead}. The file holds: {shown}. Name it by columns, "
             f'{{"{kind if joint is None else kind + str(joint + 1)}": "…"}}'
-            + ("." if joint is None else f", or lock the joint if it does not move{self._unrecorded(kind, joint)}.")
+            + ("." if joint is None else self._without(kind, joint))
             + hint,
             pointer=f"/columns/{kind if joint is None else kind + str(joint + 1)}",
             title="Missing column",
         )
 
-    def _unrecorded(self, kind: str, joint: int) -> str:
-        if kind != "tau":
-            return ""
-        return f'; if its torque was not recorded, say {{"tau{joint + 1}": "{NOT_RECORDED}"}}, and its motion is used'
+    def _without(self, kind: str, joint: int) -> str:
+        """Say what to do where a joint has no such column: it stands, or its torque alone was not recorded."""
+        lock = f', or lock the joint if it does not move ("locked_joints": {{"{self.joint_names[joint]}": 0}}).'
+        others = (self.find(other, k) for other in ("tau", "current") for k in range(len(self.joint_names)))
+        if kind != "tau" or not any(others):
+            return lock
+        said = f'"columns": {{"tau{joint + 1}": "{NOT_RECORDED}"}}'
+        return f"{lock} If its torque was not recorded, say {said}: its motion is used."
 
     def _source(self, ours: tuple[str, ...]) -> str | None:
         for name in ours:

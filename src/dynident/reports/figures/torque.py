@@ -57,12 +57,14 @@ def _torque(axes: Axes, comparison: Comparison, axis: TimeAxis, joint: int) -> N
     t, lower, upper = thinned_together(rest, _BAND_POINTS, comparison.lower[:, joint], comparison.upper[:, joint])
     # Its edges are drawn, too: a stretch of rest may be narrower than a line.
     axes.fill_between(t, lower, upper, color=AT_REST, alpha=0.6, linewidth=0.6, label="what friction may hold at rest")
-    t, measured = thinned(axis, comparison.measured[:, joint], _POINTS)
+    recorded = comparison.has_torque[:, joint]
+    t, measured = thinned(axis.only(recorded), comparison.measured[:, joint], _POINTS)
     axes.plot(t, measured, color=MEASURED, linewidth=1.0, label="measured")
     # At rest the prediction has no sign of friction: the band is the prediction there.
     t, predicted = thinned(axis.only(~standing), comparison.predicted[:, joint], _POINTS)
     axes.plot(t, predicted, color=PREDICTED, linewidth=0.9, label="predicted", dashes=(5, 1.2))
-    panel_title(axes, f"{comparison.joint_names[joint]}, torque ({comparison.units[joint]})")
+    what = "torque" if recorded.any() else "torque, which was not recorded"
+    panel_title(axes, f"{comparison.joint_names[joint]}, {what} ({comparison.units[joint]})")
     _whole_time(axes, axis)
 
 
