@@ -20,8 +20,10 @@ from dynident.diagnosis.result import UnknownPattern
 from dynident.diagnosis.search.state import Finding
 from dynident.diagnosis.search.transients import find_contacts
 from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
 from dynident.estimation import OutlyingSpan, concatenate, find_outlying_spans
 from dynident.identification import Identification
+from dynident.identification.study.extending import extend_at_once
 from dynident.identification.study.fitting import identify_model
 from dynident.progress import silent
 from dynident.recordings import Recording
@@ -124,6 +126,9 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
     ]
     again = identify_model(model, cut, (), identification.choices, preprocessing, reference, silent)
     named = [one if one.cause else _with_contact(one, again, recordings[one.recording]) for one in found]
+    pushes = [one.contact.judged.candidate.choice for one in named if one.contact is not None]
+    if pushes and not _can_be_added(identification, pushes, recordings):
+        named = [replace(one, contact=None, cause=_push_in_words(one, again)) for one in named]
     return UndisturbedData(again, tuple(cut), tuple(named))
 
 
@@ -261,6 +266,15 @@ def _sentence(one: Disturbance, identification: Identification) -> str:
             "push on a link explains it: a collision, a load that was picked up, a brake, or a drive that was off. "
             f"Leave these seconds out of the identification. {apart}"
         )
+    push = _push_in_words(one, identification)
+    return f"{when} {push}: leave these seconds out of the identification, or add the contact. {apart}"
+
+
+def _push_in_words(one: Disturbance, identification: Identification) -> str:
+    """What the push of a disturbance may have been; the cause that stands already where there is none."""
+    if one.contact is None or one.force is None:
+        return one.cause
+    robot = identification.model.robot
     link = int(dict(one.contact.judged.candidate.shape).get("link", 0.0))
     size, gravity = float(np.linalg.norm(one.force)), robot.gravity
     # Where along the arm it is pushed, a few seconds hardly tell: a force farther out may do the same.
@@ -269,4 +283,15 @@ def _sentence(one: Disturbance, identification: Identification) -> str:
         push = f"something outside pushed the last link with some {size:.2g} N"
     if size > 0.0 and float(one.force @ gravity) > _UPRIGHT * size * float(np.linalg.norm(gravity)):
         push += f", or it carried some {size / float(np.linalg.norm(gravity)):.2g} kg"
-    return f"{when} {push}: leave these seconds out of the identification, or add the contact. {apart}"
+    return push
+
+
+def _can_be_added(
+    identification: Identification, pushes: Sequence[EffectChoice], recordings: Sequence[Recording]
+) -> bool:
+    """Whether the recordings determine a model with the pushes in it."""
+    try:
+        extend_at_once(identification, pushes, recordings)
+    except DynidentError:
+        return False
+    return True
