@@ -52,6 +52,7 @@ def hostile_files(outside: str = "/etc/hostname") -> list[HostileFile]:
         *_mat_files(),
         *_hdf5_files(outside),
         *_tables(),
+        *_texts(),
         *_bags(),
         *_mcap_files(),
         *_meshes(outside),
@@ -270,6 +271,41 @@ def _tables() -> list[_Made]:
         ("too many columns", "run.csv", f"{names}\n".encode(), "columns; at most"),
         ("too many attributes", "run.xml", telegram.encode(), "columns; at most"),
         ("deep telegram", "run.xml", b"<Rob >" + b"<a>" * 10_000 + b"</a>" * 10_000 + b"</Rob>", "no whole telegram"),
+    ]
+
+
+def _texts() -> list[_Made]:
+    import pyarrow as pa
+
+    lines = b"t,q1,q2,tau1,tau2\n" + b"0,0,0,0,0\n" * 2000
+    bomb = lines + b"0,0,0,0,0\n" * 5_000_000
+    zeros = bytes(300 * MB)
+    record = json.dumps({"t": 0.0, "q": [0.0, 0.0], "tau": [0.0, 0.0]}).encode()
+    wide = json.dumps({f"c{k}": 0.0 for k in range(10_500)}).encode()
+    zipped = {"t.csv": "\n".join(map(str, range(1000))).encode(), "q.csv": b"0 0\n" * 1000, "tau.csv": b"0 0\n" * 1000}
+    row = b"0.0," + b"[" * 6_000_000
+    dates = b"t,q1,q2,tau1,tau2\n" + b"9999-99-99 99:99:99,0,0,0,0\n" * 50
+    return [
+        ("gzip bomb", "run.csv.gz", zlib.compress(bomb, 1, wbits=31), "unpacks to"),
+        ("zstd bomb", "run.csv.zst", bytes(pa.compress(bomb, "zstd", asbytes=True)), "unpacks to"),
+        ("compressed array", "run.npy.gz", zlib.compress(_npy((3,)), wbits=31), "unpack the file first"),
+        ("cut gzip", "run.csv.gz", zlib.compress(lines, wbits=31)[:60], "Truncated compressed stream"),
+        ("deep JSON", "run.json", b'{"a":' * 100_000, "JSON"),
+        ("deep arrays", "run.json", b'[{"a":' + b"[" * 100_000, "JSON"),
+        ("deep record", "run.jsonl", b'{"a":' * 40 + b"1" + b"}" * 40, "deeper than"),
+        ("endless record", "run.json", b'{"a": [' + b"0," * 20_000_000, "is longer than"),
+        ("long number", "run.jsonl", record + b'\n{"t": 1' + b"0" * 100_000 + b"}", "Record 2 cannot be read"),
+        ("too many columns", "run.jsonl", wide, "columns; at most"),
+        ("too many items", "run.jsonl", (b'{"a": [' + b"0," * 20_000 + b'0], "b": {}}\n') * 2, "columns; at most"),
+        ("name that is no text", "run.jsonl", b'{"\\ud800": 1}\n' * 3, "no Unicode text"),
+        ("list that never ends", "run.csv", lines[:18] + b"0,[1],0,0,0\n" * 3 + row, "list in it is not closed"),
+        ("dates that are none", "run.csv", dates, "has no number in row 1"),
+        ("bomb in an archive", "run.zip", _archive({"a.csv": zeros, "b.csv": zeros}), "unpacks to"),
+        ("many files", "run.zip", _archive({f"f{k}.csv": b"0\n" for k in range(65)}), "one to 64"),
+        ("way out of an archive", "run.zip", _archive({**zipped, "../../q.csv": b"0 0\n" * 10}), "twice"),
+        ("archive in an archive", "run.zip", _archive({"a.zip": _archive(zipped)}), "neither Parquet nor text"),
+        ("workbook", "run.xlsx", _archive({"[Content_Types].xml": b"<a/>"}), "save the sheet as CSV"),
+        ("pickle", "run.pkl", pickle.dumps({"t": [0.0]}, protocol=4), "never opened"),
     ]
 
 

@@ -6,6 +6,7 @@ As a program it reads mutants one by one and prints a line a mutant: `python tes
 from __future__ import annotations
 
 import faulthandler
+import gzip
 import io
 import json
 import os
@@ -15,6 +16,7 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -154,6 +156,56 @@ def mcap_file(compression: str = "ZSTD", chunked: bool = True) -> bytes:
     return out.getvalue()
 
 
+def _rows() -> Iterator[list[float]]:
+    values = signals()
+    yield from (row.tolist() for row in np.column_stack([values["t"], values["q"], values["tau"]]))
+
+
+def csv_file(head: str = "t,q1,q2,tau1,tau2") -> bytes:
+    return "\n".join([head, *(",".join(map(repr, row)) for row in _rows()), ""]).encode()
+
+
+def worded_csv_file() -> bytes:
+    """Written times, names of joints in cells, and lists."""
+    lines = ["stamp,name,position,effort"]
+    for t, *row in _rows():
+        lines.append(f'2025-05-06T10:20:{30 + t:09.6f}Z,"{list(JOINTS)}","({row[0]}, {row[1]})",[{row[2]} {row[3]}]')
+    return "\n".join(lines).encode()
+
+
+def sparse_csv_file() -> bytes:
+    lines = ["__time,a/q1,a/q2,b/tau1,b/tau2"]
+    for t, *row in _rows():
+        lines += [f"{t!r},{row[0]!r},{row[1]!r},,", f"{t + 0.002!r},,,{row[2]!r},{row[3]!r}"]
+    return "\n".join(lines).encode()
+
+
+def jsonl_file() -> bytes:
+    records = ({"t": t, "q": row[:2], "arm": {"tau": row[2:], "mode": "run"}} for t, *row in _rows())
+    return "\n".join(json.dumps(one) for one in records).encode()
+
+
+def json_file() -> bytes:
+    t, *rest = np.array(list(_rows())).T
+    content = {"t": t.tolist(), "q": np.array(rest[:2]).T.tolist(), "tau": np.array(rest[2:]).tolist()}
+    return json.dumps({"log": content}).encode()
+
+
+def zip_file() -> bytes:
+    out = io.BytesIO()
+    table = np.array(list(_rows()))
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, values in (("t", table[:, :1]), ("q", table[:, 1:3]), ("tau", table[:, 3:])):
+            archive.writestr(f"{name}.csv", "\n".join(" ".join(map(repr, row)) for row in values.tolist()))
+    return out.getvalue()
+
+
+def zst_file() -> bytes:
+    import pyarrow as pa
+
+    return bytes(pa.compress(csv_file(), "zstd", asbytes=True))
+
+
 MJCF = """<mujoco model="arm"><compiler angle="radian"/><option gravity="0 0 -9.81"/><worldbody>
 <body name="one" pos="0 0 .3"><joint name="shoulder" axis="0 0 1" range="-2 2" limited="true"/>
 <inertial pos="0 0 .1" mass="2" diaginertia=".1 .1 .1"/>
@@ -240,6 +292,14 @@ MUTABLE_FILES: dict[str, Callable[[], bytes]] = {
     "rosbag2": rosbag2_file,
     "mcap": mcap_file,
     "mcap_unchunked": lambda: mcap_file(chunked=False),
+    "csv": csv_file,
+    "csv_words": worded_csv_file,
+    "csv_sparse": sparse_csv_file,
+    "csv_gz": lambda: gzip.compress(csv_file()),
+    "csv_zst": zst_file,
+    "jsonl": jsonl_file,
+    "json": json_file,
+    "zip": zip_file,
     "mjcf": MJCF.encode,
     "urdf": URDF.encode,
     "stl": stl_file,
@@ -261,6 +321,14 @@ FILE_NAMES = {
     "rosbag2": "run.db3",
     "mcap": "run.mcap",
     "mcap_unchunked": "run.mcap",
+    "csv": "run.csv",
+    "csv_words": "run.csv",
+    "csv_sparse": "run.csv",
+    "csv_gz": "run.csv.gz",
+    "csv_zst": "run.csv.zst",
+    "jsonl": "run.jsonl",
+    "json": "run.json",
+    "zip": "run.zip",
     "mjcf": "arm.xml",
     "urdf": "arm.urdf",
     "stl": "part.stl",

@@ -44,21 +44,38 @@ class MeasurementOptions(TypedDict, total=False):
     """What the torque or current columns hold; those that are no measurement are refused"""
     exclude: Sequence[tuple[float, float]]
     """Seconds of t to leave out, [from, to]; [] for nothing"""
-    format: Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi"] | None
+    format: Literal[
+        "csv",
+        "parquet",
+        "jsonl",
+        "npy",
+        "npz",
+        "mat",
+        "hdf5",
+        "rosbag",
+        "rosbag2",
+        "mcap",
+        "rsi",
+        "zip",
+        None,
+    ]
     """Told from the file where not given"""
     payload: Mapping[str, Any] | None
     """The known load: {"mass": kg, "centre": [x, y, z] in m}"""
     permutation: Mapping[str, Sequence[int]]
     """Of "q" (with velocities and commands) or "tau" (or currents): at place k the number, from 1, of joint k's
     column"""
+    rate: float | None
+    """Rows a second, evenly spaced, of a file without time; it replaces a column t, in Hz"""
     role: Literal["identification", "validation", "friction", "payload"] | None
     """What it is for; friction: runs at constant velocity, a joint at a time; payload: with a load"""
     scale: Mapping[str, float]
     """Positive factors of a joint's positions or torques: {"tau2": 0.1}"""
     signs: Mapping[str, float]
     """1 or -1 by which a joint's positions or torques are taken: {"tau2": -1}; "tau" means all joints"""
-    skip: Sequence[Literal["held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]]
-    """Steps of conditioning that are not taken: what looks held, switched off, corrupted or wrapped is right"""
+    skip: Sequence[Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]]
+    """Steps of conditioning that are not taken: what looks like a register, held, switched off, corrupted or wrapped is
+    right"""
     torque_delay: float
     """Seconds by which the file's torque is late"""
     units: Mapping[str, str]
@@ -79,14 +96,17 @@ class RevisionOptions(TypedDict, total=False):
     permutation: Mapping[str, Sequence[int]] | None
     """Of "q" (with velocities and commands) or "tau" (or currents): at place k the number, from 1, of joint k's
     column"""
+    rate: float | None
+    """Rows a second, evenly spaced, of a file without time; it replaces a column t"""
     role: Literal["identification", "validation", "friction", "payload"] | None
     """What it is for; friction: runs at constant velocity, a joint at a time; payload: with a load"""
     scale: Mapping[str, float] | None
     """Positive factors of a joint's positions or torques: {"tau2": 0.1}"""
     signs: Mapping[str, float] | None
     """1 or -1 by which a joint's positions or torques are taken: {"tau2": -1}; "tau" means all joints"""
-    skip: Sequence[Literal["held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]] | None
-    """Steps of conditioning that are not taken: what looks held, switched off, corrupted or wrapped is right"""
+    skip: Sequence[Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]] | None
+    """Steps of conditioning that are not taken: what looks like a register, held, switched off, corrupted or wrapped is
+    right"""
     torque_delay: float | None
     """Seconds by which the file's torque is late"""
     units: Mapping[str, str] | None

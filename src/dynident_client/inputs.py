@@ -14,6 +14,13 @@ from dynident_client.labels import Labelled
 from dynident_client.records import Design, Import, Measurement, Record, Robot, Simulation, id_of
 from dynident_client.requests import DesignKind, DesignOptions, SimulationOptions
 
+Files = Path | str | Sequence[Path | str]
+"""One file, or several that are one recording."""
+
+
+def _paths(files: Files) -> list[Path]:
+    return [Path(files)] if isinstance(files, (Path, str)) else [Path(file) for file in files]
+
 
 class Robots(Labelled[Robot]):
     """Robots."""
@@ -77,18 +84,15 @@ class Imports(Collection[Import]):
     kind = Import
 
     def upload(
-        self, robot: Record | str, file: Path | str, *, name: str | None = None, **more: Unpack[MeasurementOptions]
+        self, robot: Record | str, file: Files, *, name: str | None = None, **more: Unpack[MeasurementOptions]
     ) -> Import:
-        """Upload a file in any format that is read, to have its columns told.
+        """Upload a file in any format that is read, or several that are one recording, to have its columns told.
 
-        `more`: role, windows, columns, units, as far as they are known.
+        `more`: role, windows, columns, units, rate, as far as they are known.
         """
-        path = Path(file)
-        metadata = {"robot_id": id_of(robot), "name": name or path.stem, **more}
-        with path.open("rb") as opened:
-            return self._record(
-                self._transport.upload(self.path, dict, path.name, opened, {"metadata": json.dumps(metadata)})
-            )
+        paths = _paths(file)
+        metadata = {"robot_id": id_of(robot), "name": name or paths[0].stem, **more}
+        return self._record(self._transport.upload(self.path, dict, paths, {"metadata": json.dumps(metadata)}))
 
 
 class Measurements(Labelled[Measurement]):
@@ -97,15 +101,12 @@ class Measurements(Labelled[Measurement]):
     kind = Measurement
 
     def upload(
-        self, robot: Record | str, file: Path | str, *, name: str | None = None, **more: Unpack[MeasurementOptions]
+        self, robot: Record | str, file: Files, *, name: str | None = None, **more: Unpack[MeasurementOptions]
     ) -> Measurement:
-        """Upload a recording in any format that is read."""
-        path = Path(file)
-        metadata = {"robot_id": id_of(robot), "name": name or path.stem, **more}
-        with path.open("rb") as opened:
-            return self._record(
-                self._transport.upload(self.path, dict, path.name, opened, {"metadata": json.dumps(metadata)})
-            )
+        """Upload a recording in any format that is read, in one file or in several."""
+        paths = _paths(file)
+        metadata = {"robot_id": id_of(robot), "name": name or paths[0].stem, **more}
+        return self._record(self._transport.upload(self.path, dict, paths, {"metadata": json.dumps(metadata)}))
 
     def revise(self, measurement: Record | str, **changes: Unpack[RevisionOptions]) -> Measurement:
         """Say something else of a measurement's file: a new measurement, whose parent is this one; no upload.

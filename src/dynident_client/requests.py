@@ -126,7 +126,7 @@ class IdentificationOptions(TypedDict, total=False):
     covariance: Literal["by_time_and_joints", "by_joint", "independent"]
     """What of the residuals is taken to be correlated: all joints' over stretches of time, each joint's over time, or
     nothing"""
-    estimator: Literal["wls", "ols", "irls", "feasible", "iv", "didim", "ekf"]
+    estimator: Literal["auto", "wls", "ols", "irls", "feasible", "iv", "didim", "ekf"]
     """How χ is solved for"""
     free_links: Sequence[str]
     """Joints whose links the prior is not believed of, such as a loaded one"""
@@ -171,7 +171,7 @@ class Limits(TypedDict, total=False):
 class MethodRequest(TypedDict, total=False):
     """One way to identify."""
 
-    estimator: Literal["wls", "ols", "irls", "feasible", "iv", "didim", "ekf"]
+    estimator: Literal["auto", "wls", "ols", "irls", "feasible", "iv", "didim", "ekf"]
     model: Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
     prior: Literal["description", "description_entropic"] | None
     steps: Literal["link_by_link", "wrist_then_shoulder"]
@@ -241,6 +241,8 @@ class SimulationOptions(TypedDict, total=False):
 class Surroundings(TypedDict, total=False):
     """What a motion must not touch."""
 
+    assume_floor: bool
+    """Where nothing around an upright robot is stated, a floor through its base is assumed"""
     boxes: Sequence[Box]
     clearance: float
     """Distance that is kept to everything, in m"""

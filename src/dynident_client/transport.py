@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, NoReturn, TypedDict, TypeVar
@@ -78,9 +79,12 @@ class Transport:
         found: T = self._send("PATCH", path, json=_given(body)).json()
         return found
 
-    def upload(self, path: str, answer: type[T], name: str, file: IO[bytes], fields: Mapping[str, str]) -> T:
-        """Send a file and fields as a form."""
-        sent = self._send("POST", path, files={"file": (name, file)}, data=dict(fields), rewind=file)
+    def upload(self, path: str, answer: type[T], files: Sequence[Path], fields: Mapping[str, str]) -> T:
+        """Send a file, or several that belong together, and fields as a form."""
+        with ExitStack() as stack:
+            opened = [stack.enter_context(file.open("rb")) for file in files]
+            parts = [("further" if place else "file", (files[place].name, one)) for place, one in enumerate(opened)]
+            sent = self._send("POST", path, files=parts, data=dict(fields), rewind=opened)
         found: T = sent.json()
         return found
 
@@ -126,7 +130,7 @@ class Transport:
         """Close the connection."""
         self._http.close()
 
-    def _send(self, method: str, path: str, *, rewind: IO[bytes] | None = None, **content: Any) -> httpx2.Response:
+    def _send(self, method: str, path: str, *, rewind: Sequence[IO[bytes]] = (), **content: Any) -> httpx2.Response:
         headers = {"Idempotency-Key": uuid.uuid4().hex} if method == "POST" else {}
         if "params" in content:
             content["params"] = _given(content["params"])
@@ -146,8 +150,8 @@ class Transport:
                 if pause is None or time.monotonic() + pause > until:
                     _raise_problem(answer)
             time.sleep(pause)
-            if rewind is not None:
-                rewind.seek(0)
+            for file in rewind:
+                file.seek(0)
 
 
 def _given(values: Mapping[str, T]) -> dict[str, T]:

@@ -33,7 +33,7 @@ def on(joint: int, effect: str, **shape: float) -> EffectChoice:
 
 PAIRS_TO_DECIDE = {
     "constant_velocity": Doubt(on(0, "stribeck", vs=0.3), (on(0, "viscous_nonlinear", p=2.0),)),
-    "reversals": Doubt(on(3, "presliding", d0=0.01), (on(3, "stribeck", vs=0.1),)),
+    "reversals": Doubt(on(0, "presliding", d0=0.01), (on(0, "stribeck", vs=0.1),)),
     "slow_sweep": Doubt(
         on(1, "joint_spring"), (on(1, "gravity_compensator", phi=0.1, r=0.25), on(1, "torque_ripple", k=2))
     ),

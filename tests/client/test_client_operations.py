@@ -46,6 +46,7 @@ def calls(file: Path) -> list[Callable[[Client], Any]]:
         lambda c: c.robots.put_meshes("x1", {"one.stl": file}),
         lambda c: c.measurements.standstills("x1"),
         lambda c: c.imports.upload("r1", file),
+        lambda c: c.imports.upload("r1", [file, file]),
         lambda c: c.measurements.upload("r1", file),
         lambda c: list(c.measurements.content("x1")),
         lambda c: c.measurements.raw("x1", ["q1"], points=100),

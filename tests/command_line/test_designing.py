@@ -67,3 +67,30 @@ def test_a_mesh_that_is_not_found_is_warned_of_in_plain_sight(tmp_path: Path) ->
     assert answer.code == 0, answer.err
     assert "warning: COLLISION IS NOT CHECKED" in answer.err
     assert "--meshes FOLDER" in answer.err
+
+
+def test_meshes_are_found_in_the_folders_above_the_file_and_a_floor_can_be_left_out(tmp_path: Path) -> None:
+    folder = tmp_path / "scara" / "urdf"
+    folder.mkdir(parents=True)
+    (tmp_path / "scara" / "meshes").mkdir()
+    (tmp_path / "scara" / "meshes" / "quill.stl").write_text(
+        "solid\n"
+        + "".join(
+            f"facet normal 0 0 1\nouter loop\n{a}{b}{c}endloop\nendfacet\n"
+            for a, b, c in [
+                ["vertex 0 0 0\n", "vertex .1 0 0\n", "vertex 0 .1 0\n"],
+                ["vertex 0 0 0\n", "vertex 0 .1 0\n", "vertex 0 0 .1\n"],
+                ["vertex 0 0 0\n", "vertex 0 0 .1\n", "vertex .1 0 0\n"],
+            ]
+        )
+        + "endsolid\n"
+    )
+    text = urdf_from_robot(robot_from_library("scara"))
+    mesh = '<collision><geometry><mesh filename="package://scara/meshes/quill.stl"/></geometry></collision></link>'
+    (folder / "arm.urdf").write_text(text.replace("</link>", mesh, 1))
+    answer = dynident("design", folder / "arm.urdf", *QUICK, "-o", tmp_path / "t.csv")
+    assert answer.code == 0, answer.err
+    assert "COLLISION IS NOT CHECKED" not in answer.err
+    assert "warning: NOTHING BUT A FLOOR THROUGH THE BASE IS CHECKED" in " ".join(answer.err.split())
+    answer = dynident("design", folder / "arm.urdf", *QUICK, "--no-floor", "-o", tmp_path / "t.csv")
+    assert "warning: NOTHING AROUND THE ROBOT IS CHECKED" in " ".join(answer.err.split())

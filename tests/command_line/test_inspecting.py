@@ -42,6 +42,31 @@ def test_a_foreign_file_is_identified_as_proposed(foreign, tmp_path):
         assert found[kind]["relative_total"] == pytest.approx(known[kind]["relative_total"], rel=0.02)
 
 
+@pytest.fixture
+def separate(tmp_path):
+    """A run with its signals in files of their own, without names and time."""
+    table = pacsv.read_csv(write_run(tmp_path / "run1.csv", 1))
+    for kind in ("q", "tau"):
+        names = [name for name in table.column_names if name.rstrip("0123456789") == kind]
+        np.savetxt(tmp_path / f"{kind}.txt", np.column_stack([table[name].to_numpy() for name in names]))
+    return tmp_path / "q.txt+tau.txt"
+
+
+def test_files_of_one_recording_are_given_together_with_the_rate_that_none_of_them_has(separate, tmp_path):
+    alone = dynident("inspect", tmp_path / "q.txt", "--robot", "scara")
+    assert "q.csv+dq.csv+tau.csv" in alone.out
+    target = tmp_path / "both.json"
+    looked = dynident("inspect", separate, "--robot", "scara", "--rate", 100, "--out", target)
+    assert looked.code == 0, looked.err
+    assert json.loads(target.read_text())["rate"] == 100.0
+    known = dynident("identify", "scara", tmp_path / "run1.csv", "--json").document
+    for how in (["--as-proposed", "--rate", 100], ["--metadata", target]):
+        found = dynident("identify", "scara", separate, *how, "--json").document
+        assert found["residual"]["relative_total"] == pytest.approx(known["residual"]["relative_total"], rel=0.02)
+    missing = dynident("inspect", f"{separate}+dq.txt", "--robot", "scara")
+    assert (missing.code != 0, "dq.txt" in missing.err) == (True, True)
+
+
 def test_a_proposal_is_written_and_taken_as_metadata(foreign, tmp_path):
     fit, _ = foreign
     target = tmp_path / "fit.json"

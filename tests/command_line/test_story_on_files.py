@@ -286,7 +286,19 @@ def test_a_design_is_a_trajectory_that_the_virtual_robot_follows(tmp_path: Path)
 def test_a_virtual_robot_goes_from_point_to_point_and_sticks_where_it_dwells(tmp_path: Path) -> None:
     trajectory, measured = tmp_path / "trajectory.csv", tmp_path / "measured.csv"
     designed = dynident(
-        *("design", "scara", "--kind", "random", "--family", "point_to_point", "--points", 4, "--rate", 200),
+        *(
+            "design",
+            "scara",
+            "--no-floor",
+            "--kind",
+            "random",
+            "--family",
+            "point_to_point",
+            "--points",
+            4,
+            "--rate",
+            200,
+        ),
         *("--dwell", 0.5, 0.6, "--out", trajectory, "--json"),
     )
     assert designed.code == 0, designed.err
@@ -332,7 +344,9 @@ def test_the_next_experiment_of_a_diagnosis_is_designed_as_it_is_proposed(desk: 
 
 
 def test_the_same_seed_gives_the_same_measurement(tmp_path: Path) -> None:
-    dynident("design", "scara", "--kind", "random", "--duration", 2, "--rate", 200, "--out", tmp_path / "t.csv")
+    dynident(
+        "design", "scara", "--no-floor", "--kind", "random", "--duration", 2, "--rate", 200, "--out", tmp_path / "t.csv"
+    )
     contents = []
     for seed in (1, 1, 2):
         dynident(
@@ -352,7 +366,9 @@ def test_the_same_seed_gives_the_same_measurement(tmp_path: Path) -> None:
 
 
 def test_runs_of_one_simulation_are_told_apart_by_segment_and_a_payload_is_in_one_of_them(tmp_path: Path) -> None:
-    dynident("design", "scara", "--kind", "random", "--duration", 2, "--rate", 200, "--out", tmp_path / "t.csv")
+    dynident(
+        "design", "scara", "--no-floor", "--kind", "random", "--duration", 2, "--rate", 200, "--out", tmp_path / "t.csv"
+    )
     answer = dynident(
         "simulate", "scara", "--trajectory", tmp_path / "t.csv", "--effects", "payload:run=2,Mp=4", "--runs", 2,
         "--pause", 90, "--rate", 200, "--torque-noise", 0, "-o", tmp_path / "m.csv",
@@ -426,7 +442,9 @@ def test_a_clean_recording_lacks_nothing(tmp_path: Path, desk: Path) -> None:
 
 
 def test_a_virtual_robot_has_the_parameters_and_the_controller_that_are_asked_for(tmp_path: Path) -> None:
-    dynident("design", "scara", "--kind", "random", "--duration", 2, "--rate", 200, "--out", tmp_path / "t.csv")
+    dynident(
+        "design", "scara", "--no-floor", "--kind", "random", "--duration", 2, "--rate", 200, "--out", tmp_path / "t.csv"
+    )
     torques = []
     for more in ((), ("--parameters", "Fc1=40"), ("--feed-forward", "none")):
         answer = dynident(

@@ -51,3 +51,25 @@ def test_the_same_file_held_out_is_a_stop(desk: Path) -> None:
     answer = dynident("identify", desk / "arm.urdf", desk / "run1.csv", "-v", desk / "run1.csv")
     assert answer.code == 3
     assert "same samples" in " ".join(answer.out.split())
+
+
+def test_a_model_that_was_tried_on_its_own_samples_is_not_exported(desk: Path, tmp_path: Path) -> None:
+    model = tmp_path / "model.npz"
+    dynident("identify", desk / "arm.urdf", desk / "run1.csv", "-v", desk / "run1.csv", "-o", model)
+    refused = dynident("export", model, "-f", "json", "-o", tmp_path / "model.json")
+    assert refused.code == 2
+    assert "samples that it was fitted to" in " ".join(refused.err.split())
+    assert dynident("export", model, "-f", "json", "-o", tmp_path / "model.json", "--anyway").code == 0
+
+
+def test_an_extended_model_ends_with_a_verdict_too(desk: Path, tmp_path: Path) -> None:
+    model = tmp_path / "model.npz"
+    held_out = ("-v", desk / "run2.csv")
+    dynident("identify", desk / "arm.urdf", desk / "run1.csv", *held_out, "-o", model)
+    more = ("extend", model, desk / "run1.csv", *held_out, "--effects", "offset", "-o", tmp_path / "more.npz")
+    told = dynident(*more)
+    assert told.code == 0, told.err
+    assert "feed forward:" in told.out
+    uses = dynident(*more, "--json").document["verdict"]["uses"]
+    assert {one["state"] for one in uses} <= {"yes", "limited", "no", "not_judged"}
+    assert all(one["next_step"] for one in uses)

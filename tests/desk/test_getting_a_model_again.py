@@ -148,3 +148,22 @@ def test_the_report_has_the_hashes_of_the_files(desk: Path, model: dy.Model) -> 
 @pytest.mark.parametrize("text", ["offset", "presliding@a+b:d0=0.001,law=dahl", "stribeck@a:delta=1,vs=0.05"])
 def test_an_effect_is_written_as_it_is_read(text: str) -> None:
     assert effect_text(written_effects([text])[0]) == text
+
+
+@pytest.mark.slow
+def test_gains_gravity_and_flags_that_are_switched_off_are_among_what_the_report_says(
+    desk: Path, robot: dy.Robot, tmp_path: Path
+) -> None:
+    lines = (desk / "run1.csv").read_text().splitlines()
+    names = [name.replace("tau", "current") for name in lines[0].replace('"', "").split(",")]
+    values = np.loadtxt(lines[1:], delimiter=",")
+    gains = {name: 2.5 + index for index, name in enumerate(robot.joint_names)}
+    for index in range(robot.n):
+        values[:, names.index(f"current{index + 1}")] /= 2.5 + index
+    np.savetxt(tmp_path / "currents.csv", values, delimiter=",", header=",".join(names), comments="")
+    driven = dy.load_robot(desk / "arm.urdf", drive_gains=gains, gravity=(0.0, 0.02, -9.81))
+    runs = dy.read_recordings(
+        tmp_path / "currents.csv", robot=driven, metadata=dy.RecordingMetadata(skip=("idle_drives",))
+    )
+    choices = dy.IdentificationChoices(weigh_turns=False)
+    assert_made_again(dy.identify(driven, runs, choices=choices), {"currents": "currents.csv"}, desk, tmp_path)

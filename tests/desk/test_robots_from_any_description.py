@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -55,3 +57,25 @@ def test_a_file_of_something_else_says_what_was_tried(tmp_path: Path) -> None:
     (tmp_path / "arm.txt").write_text("shopping list")
     with pytest.raises(DynidentError, match="neither XML"):
         dy.load_robot(tmp_path / "arm.txt")
+
+
+@pytest.mark.parametrize("place", ["ws/src/arm_moveit/config", "ws/src/arm_description/urdf", "elsewhere"])
+def test_packages_are_found_in_the_folders_above_a_xacro_file_and_where_ros_says(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("xacro")
+    package, folder = tmp_path / "ws/src/arm_description/urdf", tmp_path / place
+    package.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    (package / "parts.xacro").write_text(PARTS)
+    including = XACRO.replace('"parts.xacro"', '"$(find arm_description)/urdf/parts.xacro"')
+    (folder / "arm.xacro").write_text(including)
+    if place == "elsewhere":
+        with pytest.raises(
+            DynidentError, match=r"no folder of the package 'arm_description'.*ROS_PACKAGE_PATH"
+        ) as told:
+            dy.load_robot(folder / "arm.xacro")
+        assert str(told.value).count("arm_description") == 1
+        monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere{os.pathsep}{tmp_path / 'ws/src'}")
+    assert dy.load_robot(folder / "arm.xacro").joint_names == ("joint1", "joint2")
+    assert "ament_index_python" not in sys.modules

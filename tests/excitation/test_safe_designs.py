@@ -232,7 +232,7 @@ def test_strokes_of_single_joints_end_before_the_floor():
     lower = replace(request, surroundings=Surroundings(floor=-0.05))
     design = design_experiment(judge.robot, lower)
     assert_safe(judge, lower, design)
-    free = design_experiment(judge.robot, replace(request, surroundings=Surroundings()))
+    free = design_experiment(judge.robot, replace(request, surroundings=Surroundings(assume_floor=False)))
     assert np.ptp(design.q[:, 1]) < 0.9 * np.ptp(free.q[:, 1])
 
 
@@ -275,8 +275,9 @@ def test_what_is_no_obstacle_is_refused_with_its_place(surroundings, pointer):
 
 
 def test_links_that_may_touch_are_not_kept_apart():
+    apart = Surroundings(clearance=0.15, assume_floor=False)
     folded = replace(QUICK, kind="random", home=(0.0, 0.0, 2.79, 0.0))
     with pytest.raises(ImpossibleLimitsError, match="At home, 'tool – carriage'"):
-        design_experiment(safe_robot("gantry"), replace(folded, surroundings=Surroundings(clearance=0.15)))
+        design_experiment(safe_robot("gantry"), replace(folded, surroundings=apart))
     free = tuple((link, other) for link in ("tool", "lower") for other in ("upper", "carriage", "rail"))
-    design_experiment(safe_robot("gantry"), replace(folded, surroundings=Surroundings(clearance=0.15, may_touch=free)))
+    design_experiment(safe_robot("gantry"), replace(folded, surroundings=replace(apart, may_touch=free)))

@@ -10,7 +10,7 @@ import pytest
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, Design, DesignRequest, TrajectoryRequest, design_experiment
-from dynident.motion import ImpossibleLimitsError
+from dynident.motion import ImpossibleLimitsError, Surroundings
 from dynident.regressors.model import build_model
 from dynident.robot import Robot
 
@@ -42,9 +42,9 @@ def left_over(w: np.ndarray, column: int) -> float:
 
 def test_rivals_are_told_apart_better_by_a_motion_designed_for_it(scara):
     separation = CriterionChoice("separation", effects=(PEAK, BEND))
-    request = replace(QUICK, criterion=separation)
-    design = design_experiment(scara, request)
-    plain = design_experiment(scara, replace(QUICK, effects=(*BASE, PEAK, BEND)))
+    anywhere = replace(QUICK, surroundings=Surroundings(assume_floor=False))
+    design = design_experiment(scara, replace(anywhere, criterion=separation))
+    plain = design_experiment(scara, replace(anywhere, effects=(*BASE, PEAK, BEND)))
     assert design.baseline is not None
     assert design.criterion_values.criterion < design.baseline.best.criterion
     assert {"Fst2", "Fvn2"} <= set(design.parameter_names)

@@ -18,7 +18,7 @@ from dynident.regressors.model import build_model
 ROBOT = arm("ur10")
 NAMES = ROBOT.joint_names
 PLAIN = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
-CHOICES = IdentificationChoices(PLAIN, preprocessing=Preprocessing(10.0, 8.0, 3))
+CHOICES = IdentificationChoices(PLAIN, estimator="wls", preprocessing=Preprocessing(10.0, 8.0, 3))
 STEPS = (
     (EffectChoice("joint_spring", (NAMES[0],)), EffectChoice("coulomb_asymmetric")),
     (EffectChoice("presliding", (NAMES[1], NAMES[2]), (("d0", 0.01), ("law", -1.0))),),

@@ -17,7 +17,7 @@ from dynident.recordings import Preprocessing
 ROBOT = arm("ur10")
 NAMES = ROBOT.joint_names
 PLAIN = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
-CHOICES = IdentificationChoices(PLAIN, preprocessing=Preprocessing(10.0, 8.0, 3))
+CHOICES = IdentificationChoices(PLAIN, estimator="wls", preprocessing=Preprocessing(10.0, 8.0, 3))
 SPRING = EffectChoice("joint_spring", (NAMES[0], NAMES[2]))
 
 

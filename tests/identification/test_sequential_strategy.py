@@ -215,7 +215,7 @@ def test_the_wrist_are_the_last_three_joints_of_every_arm():
     [({"estimator": "feasible"}, "/estimator", "feasible"), ({"model": "power"}, "/strategy", "power")],
 )
 def test_choices_that_cannot_be_taken_in_steps_are_refused(more, pointer, word, monkeypatch):
-    monkeypatch.setattr("dynident.identification.choices.AVAILABLE_ESTIMATORS", ("feasible", "wls"))
+    monkeypatch.setattr("dynident.identification.choices.AVAILABLE_ESTIMATORS", ("feasible", "auto"))
     monkeypatch.setattr("dynident.identification.choices.AVAILABLE_MODELS", ("dynamic", "power"))
     motion, standard = states(UR10), drawn_standard(UR10)
     data = reduced_states(MODEL, [(motion, torque_of(UR10, motion, standard))])

@@ -53,7 +53,7 @@ def with_presliding(joint: int, slip: float, amplitude: float) -> np.ndarray:
 
 def plain(tau: np.ndarray):
     run = record(ROBOT, MOTION, tau)
-    return identify(ROBOT, [run], [], IdentificationChoices(effects=BASE, preprocessing=BAND)), run
+    return identify(ROBOT, [run], [], IdentificationChoices(BASE, estimator="wls", preprocessing=BAND)), run
 
 
 STRIBECK = with_stribeck(1, 0.13, 12.0)
@@ -192,7 +192,8 @@ def test_an_effect_that_needs_the_load_is_predicted_with_the_first_fit():
     tau = base_torque(MOTION)
     tau[:, 1] += 0.1 * np.abs(load[:, 1]) * np.sign(MOTION.dq[:, 1])
     run = record(ROBOT, MOTION, tau)
-    choices = IdentificationChoices((*BASE, EffectChoice("load_dependent_friction", (NAMES[1],))), preprocessing=BAND)
+    effects = (*BASE, EffectChoice("load_dependent_friction", (NAMES[1],)))
+    choices = IdentificationChoices(effects, estimator="wls", preprocessing=BAND)
     found = identify(ROBOT, [run], [], choices)
     parameter = next(p for p in found.parameters if p.name == "cl2")
     assert parameter.value == pytest.approx(0.1, abs=max(0.015, 3 * parameter.standard_deviation))

@@ -33,7 +33,7 @@ def start(folder: Path, target: Path) -> subprocess.Popen[str]:
 
 
 @pytest.mark.parametrize("name", ["backup", "backup.zip"])
-@pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.thorough)])
 def test_a_backup_killed_at_random_instants_leaves_one_whole(at: Open, tmp_path: Path, name: str, kills: int) -> None:
     store, target = at("data"), tmp_path / name
     make_some(store, "first", 30)

@@ -72,6 +72,55 @@ def test_telegrams_of_a_robot_are_proposed_and_their_drive_gains_asked_for(clien
     assert [one["field"] for one in found["questions"]] == ["drives"]
 
 
+def without_names(values: np.ndarray) -> bytes:
+    text = io.StringIO()
+    np.savetxt(text, values)
+    return text.getvalue().encode()
+
+
+def separate_files() -> list[tuple[str, tuple[str, bytes]]]:
+    """Positions and torques of the same recording in two files, without names and time."""
+    s = sound()
+    q, tau = (without_names(np.column_stack([s[f"{kind}{j}"] for j in (1, 2)])) for kind in ("q", "tau"))
+    return [("file", ("q.csv", q)), ("further", ("tau.csv", tau))]
+
+
+def test_a_recording_in_two_files_without_time_is_joined_at_a_stated_rate(client, robot):
+    said = {"metadata": json.dumps({"robot_id": robot["id"], "rate": 200.0})}
+    answer = client.post("/v1/imports", files=separate_files(), data=said)
+    assert answer.status_code == 201, answer.text
+    found = answer.json()
+    assert found["questions"] == []
+    assert (found["format"], found["proposed"]["rate"]) == ("zip", 200.0)
+    used = client.post("/v1/measurements", json={"import_id": found["id"], "metadata": found["proposed"]})
+    assert used.status_code == 201, used.text
+    raw = client.get(f"/v1/measurements/{used.json()['id']}/raw").json()
+    np.testing.assert_allclose(raw["signals"]["tau2"], sound()["tau2"])
+    assert raw["t"][1] == pytest.approx(0.005)
+
+    metadata = {"robot_id": robot["id"], "name": "both", "rate": 200.0, "columns": found["proposed"]["columns"]}
+    sent = client.post("/v1/measurements", files=separate_files(), data={"metadata": json.dumps(metadata)})
+    assert sent.status_code == 201, sent.text
+    assert sent.json()["sha256"] == found["sha256"]
+    assert [one["name"] for one in sent.json()["checks"]].count("layout") == 1
+
+
+def test_files_that_cannot_be_joined_are_refused_with_the_reason(client, robot):
+    said = {"metadata": json.dumps({"robot_id": robot["id"]})}
+    same = [(kind, ("q.csv", content)) for kind, (_, content) in separate_files()]
+    refused = client.post("/v1/imports", files=same, data=said)
+    assert refused.status_code == 422
+    assert refused.json()["errors"][0]["pointer"] == "/further"
+    alone = client.post("/v1/imports", files=separate_files()[:1], data=said).json()
+    assert "rate" in alone["questions"][0]["detail"]
+    short = [separate_files()[0], ("further", ("tau.csv", separate_files()[1][1][1][:-2000]))]
+    answer = client.post(
+        "/v1/imports", files=short, data={"metadata": json.dumps({"robot_id": robot["id"], "rate": 1.0})}
+    )
+    assert answer.status_code == 422
+    assert "ends after" in answer.json()["detail"]
+
+
 def test_what_is_said_beforehand_is_not_guessed(client, robot):
     found = imported(client, robot, foreign(), columns={"q1": "A2 Winkel [°]", "q2": "A1 Winkel [°]"}).json()
     assert found["proposed"]["columns"]["q1"] == "A2 Winkel [°]"

@@ -105,7 +105,39 @@ def test_the_same_content_uploaded_twice_is_noticed(client: TestClient, robot: d
     (common,) = found["common"]
     assert (common["kind"], common["held_out_id"], common["fitted_id"]) == ("copied", ids[1], ids[0])
     assert found["stop"]["measurement_id"] == ids[1]
-    assert not any(one["fit"] for one in found["uses"])
+    assert {one["state"] for one in found["uses"]} == {"not_judged"}
+
+
+def test_a_model_that_was_tried_on_its_own_samples_is_not_exported(client: TestClient, robot: dict[str, Any]) -> None:
+    ids = [upload(client, robot, as_csv(sound()), name=name).json()["id"] for name in ("run", "again")]
+    model = identified(client, robot, ids[0], ids[1:])
+    assert client.get(f"/v1/identifications/{model}").json()["result"]["copied"] == ["again"]
+    refused = client.get(f"/v1/identifications/{model}/export")
+    assert refused.status_code == 409
+    assert "samples that it was fitted to" in refused.json()["detail"]
+    assert client.get(f"/v1/identifications/{model}/export", params={"anyway": True}).status_code == 200
+
+
+def test_a_validation_that_fails_revises_the_verdict_of_its_use(client: TestClient, robot: dict[str, Any]) -> None:
+    fitted = upload(client, robot, as_csv(sound())).json()["id"]
+    model = identified(client, robot, fitted, [upload(client, robot, as_csv(other())).json()["id"]])
+
+    def states() -> dict[str, str]:
+        uses = client.get(f"/v1/identifications/{model}/verdict").json()["uses"]
+        assert all(one["next_step"] for one in uses)
+        return {one["use"]: one["state"] for one in uses}
+
+    before = states()
+    assert before["feed_forward"] == "yes"
+    body = {"identification_id": model, "kind": "cross", "limit": 1e-6}
+    made = client.post("/v1/validations", json=body).json()["id"]
+
+    def ended() -> Any:
+        found = client.get(f"/v1/validations/{made}").json()
+        return found if found["status"] in ("succeeded", "failed") else None
+
+    assert wait_for(ended, 60.0)["result"]["verdict"] == "fail"
+    assert states()["feed_forward"] == "no"
 
 
 def test_a_model_that_is_not_there_has_no_verdict(client: TestClient) -> None:

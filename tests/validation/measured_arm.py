@@ -36,4 +36,4 @@ def recorded(seed: int, duration: float, name: str, noise: float = 1.0, encoder:
 def with_values(identified: Identification, values: FloatArray) -> Identification:
     """The same model with other estimates."""
     solution = replace(identified.estimate.solution, values=values)
-    return replace(identified, estimate=replace(identified.estimate, solution=solution))
+    return replace(identified, estimate=replace(identified.estimate, solution=solution, standard=None))

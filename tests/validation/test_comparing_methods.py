@@ -26,7 +26,7 @@ def test_every_available_choice_is_among_the_methods(identified):
 
 
 def test_the_table_has_what_each_method_gives_when_asked_for_alone(identified, training, unseen):
-    methods = [Method(), Method(estimator="ols"), Method(strategy="sequential")]
+    methods = [Method(estimator="auto"), Method(estimator="ols"), Method(strategy="sequential")]
     table = validate_methods(identified, [training], [unseen], methods)
     for method, row in zip(methods, table.results, strict=True):
         alone = identify(ROBOT, [training], [unseen], method.of(identified.choices))

@@ -9,10 +9,11 @@ import pytest
 from one_joint import one_joint_run
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.diagnosis.comparing.sample_hashes import SampleHashes
-from dynident.identification import Identification, LadderStep, identify
+from dynident.identification import Identification, IdentificationChoices, LadderStep, identify
 from dynident.recordings import Recording, Revision, recording_from_arrays
-from dynident.verdict import common_content, is_stopped, verdict
+from dynident.recordings.sample_hashes import SampleHashes
+from dynident.validation import Judged
+from dynident.verdict import Outcome, common_content, is_stopped, verdict
 
 ROBOT = arm("ur10")
 EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
@@ -46,12 +47,15 @@ def test_a_good_model_is_fit_for_prediction_and_says_so(model: Identification) -
     assert found.stop is None
     assert found.common == ()
     assert not is_stopped(model)
-    assert all(f"{model.held_out.relative_total:.1%}" in one.reason for one in found.uses if one.fit)
+    (feed_forward,) = (one for one in found.uses if one.use == "feed_forward")
+    assert feed_forward.state == "yes"
+    assert f"{model.held_out.relative_total:.1%}" in feed_forward.reason
+    assert all(one.next_step for one in found.uses)
 
 
-def test_without_held_out_data_nothing_is_promised() -> None:
+def test_without_held_out_data_nothing_is_judged() -> None:
     found = verdict(identify(ROBOT, [FITTED]), [FITTED])
-    assert not any(one.fit for one in found.uses)
+    assert {one.state for one in found.uses} == {"not_judged"}
     assert found.next_steps == ("Record another motion, and hold it out.",)
 
 
@@ -66,6 +70,35 @@ def test_a_model_that_was_extended_is_not_told_to_be_until_its_error_is_unusual(
     assert steps(0.05, model) == ""
     assert "Diagnose this model, too" in steps(0.08, model)
     assert steps(0.01, None) == ""
+
+
+def test_a_failed_validation_revises_the_verdict_of_its_use_alone(model: Identification) -> None:
+    failed = Outcome("simulation", Judged("fail", "It leaves the motion."))
+    before, after = (verdict(model, [FITTED], [OTHER], outcomes=some).uses for some in ([], [failed]))
+    changed = [new for old, new in zip(before, after, strict=True) if old.state != new.state]
+    assert [(one.use, one.state) for one in changed] == [("simulation", "no")]
+    assert "The validation simulation failed: It leaves the motion." in changed[0].reason
+    passed = verdict(model, [FITTED], [OTHER], outcomes=[Outcome("payload", Judged("pass", "The load weighs 3 kg."))])
+    states = {one.use: one.state for one in passed.uses}
+    assert states["payload"] == states["collision_detection"] == "yes"
+
+
+def test_a_model_without_its_recordings_is_judged_by_its_errors_where_these_suffice(model: Identification) -> None:
+    states = {one.use: one.state for one in verdict(model).uses}
+    assert states == {
+        "simulation": "not_judged",
+        "feed_forward": "limited",
+        "collision_detection": "not_judged",
+        "payload": "not_judged",
+    }
+
+
+def test_plain_least_squares_that_no_robot_has_say_what_cures_them() -> None:
+    plain = identify(ROBOT, [FITTED], [OTHER], IdentificationChoices(estimator="wls"))
+    (simulation,) = (one for one in verdict(plain, [FITTED], [OTHER]).uses if one.use == "simulation")
+    assert simulation.state == "no"
+    assert "No bodies that can exist have these parameters" in simulation.reason
+    assert "--estimator feasible" in simulation.next_step
 
 
 def test_an_error_between_the_limits_is_fit_for_some_uses_alone(model: Identification) -> None:

@@ -143,7 +143,11 @@ def test_the_verdict_is_the_services_and_leads_to_the_next_click(page: Any, mode
     for use in found["uses"]:
         line = page.locator(f"#uses li[data-use={use['use']}]")
         expect(line).to_contain_text(use["reason"])
-        expect(line.locator(".chip")).to_have_text("✓ fit" if use["fit"] else "✕ not fit")
+        expect(line).to_contain_text(use["next_step"])
+        words = {"yes": "✓ fit", "limited": "! within limits", "no": "✕ not fit", "not_judged": "? not judged"}
+        expect(line.locator(".chip")).to_have_text(words[use["state"]])
+    if found["drift"] is not None:
+        expect(page.locator("#drift tbody tr")).to_have_count(len(found["drift"]["joint_names"]))
     page.click("#next-click")
     chosen(page, "Data" if found["stop"] else "Missing")
 

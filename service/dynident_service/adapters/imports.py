@@ -17,9 +17,9 @@ from dynident_service.models.measurements import MeasurementMetadata
 
 def look_at(source: Path, robot: Robot, said: wire.ImportMetadata, sha256: str) -> wire.ImportResult:
     """Look at a user's file, which is known by its `sha256`; what is said of it goes before what is guessed."""
-    found = inspect_file(source, robot)
-    assert found.proposal is not None
     known = taken(said, RecordingMetadata)
+    found = inspect_file(source, robot, known.rate)
+    assert found.proposal is not None
     proposed = replace(
         known,
         columns={**found.proposal.columns, **known.columns},

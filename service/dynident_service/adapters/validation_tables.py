@@ -26,7 +26,7 @@ TITLES = {
 def reported(result: ValidationResult, joints: Sequence[str]) -> ReportedValidation:
     """A validation with its tables."""
     judged = Judged(result.verdict, result.reason)
-    return ReportedValidation(TITLES[result.kind], judged, tuple(tables_of(result, joints)))
+    return ReportedValidation(TITLES[result.kind], judged, tuple(tables_of(result, joints)), result.kind)
 
 
 def tables_of(result: ValidationResult, joints: Sequence[str]) -> Iterator[ReportedTable]:

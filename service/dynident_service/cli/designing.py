@@ -13,10 +13,10 @@ from rich.console import Console
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest
 from dynident.motion import Surroundings
-from dynident.motion.surroundings.reach import NOTHING_STATED
+from dynident.motion.surroundings.reach import FLOOR_ALONE, NOTHING_STATED
 from dynident.reports.numbers import number, percent
-from dynident.robot import Limits
-from dynident.robot.collision import UNCHECKED
+from dynident.robot import Limits, Robot
+from dynident.robot.collision import UNCHECKED, mesh_folders_above
 from dynident_service.adapters.derived import taken
 from dynident_service.cli.files import document_of
 from dynident_service.cli.inputs import stored_diagnosis
@@ -26,7 +26,7 @@ from dynident_service.models.robots import Limits as WireLimits
 from dynident_service.problems import fields_of
 
 Wanted = TypeVar("Wanted")
-WARNINGS = (UNCHECKED, NOTHING_STATED)
+WARNINGS = (UNCHECKED, NOTHING_STATED, FLOOR_ALONE)
 """How notes begin without which nobody should run a motion."""
 _LIMITS = TypeAdapter(dict[str, WireLimits])
 _SURROUNDINGS = TypeAdapter(body_of(Surroundings))
@@ -48,14 +48,24 @@ def limits_of(path: Path | None) -> dict[str, Limits]:
     return {name: taken(value, Limits) for name, value in found.items()}
 
 
-def surroundings_of(path: Path | None, mesh_folders: Sequence[Path]) -> Surroundings:
-    """Read what stands around the robot from a JSON file; the folders are looked for meshes."""
+def mesh_folders_of(robot: Robot, argument: str, stated: Sequence[Path] | None) -> tuple[Path, ...]:
+    """Choose where meshes are looked for: in the stated folders, or in those above the robot's file that hold any."""
+    file = Path(argument)
+    return tuple(stated) if stated else mesh_folders_above(robot, file) if file.is_file() else ()
+
+
+def surroundings_of(path: Path | None, mesh_folders: Sequence[Path], *, floor: bool) -> Surroundings:
+    """Read what stands around the robot from a JSON file; the folders are looked for meshes.
+
+    Without `floor` none is assumed where nothing is stated.
+    """
     stated = (
         Surroundings()
         if path is None
         else taken(_validated(_SURROUNDINGS, path, "Unusable surroundings"), Surroundings)
     )
-    return replace(stated, mesh_folders=tuple(str(folder) for folder in mesh_folders))
+    folders = tuple(str(folder) for folder in mesh_folders)
+    return replace(stated, mesh_folders=folders, assume_floor=stated.assume_floor and floor)
 
 
 def warn_of_unchecked(console: Console, found: Design) -> None:

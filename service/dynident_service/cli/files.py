@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_origin, get_type_hints
 
 from dynident.errors import DynidentError
+from dynident.recordings.names import parts_of
 
 
 @dataclass(frozen=True)
@@ -40,10 +41,11 @@ def _values(given: Any) -> Iterator[Any]:
 
 def check_readable(path: Path) -> None:
     """Raise where a file is not there or may not be read."""
-    if not path.is_file():
-        raise DynidentError(f"there is no file {path}", pointer=str(path), title="No such file")
-    if not os.access(path, os.R_OK):
-        raise DynidentError(f"{path} may not be read", pointer=str(path), title="Unreadable file")
+    for part in parts_of(path):
+        if not part.is_file():
+            raise DynidentError(f"there is no file {part}", pointer=str(path), title="No such file")
+        if not os.access(part, os.R_OK):
+            raise DynidentError(f"{part} may not be read", pointer=str(path), title="Unreadable file")
 
 
 def document_of(path: Path) -> Mapping[str, object]:

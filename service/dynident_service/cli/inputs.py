@@ -25,7 +25,7 @@ from dynident.robot import Robot
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot, document_of
 from dynident_service.cli.metadata import Answers, as_proposed, read_metadata
-from dynident_service.cli.options import Beside, Reading
+from dynident_service.cli.options import Beside, TimedReading
 from dynident_service.cli.terminal import progress_bar
 
 if TYPE_CHECKING:
@@ -39,7 +39,9 @@ _REWORDED = (
     (re.compile(r'say "skip": \["(\w+)"\]'), r"say --skip \1"),
     (re.compile(r'"windows": \[\[([^,\]]+), ([^,\]]+)\]\]'), r"--windows {name}=\1:\2"),
     (re.compile(r'"units": \{"(\w+)": "([^"]+)"\}'), r"--units \1=\2"),
+    (re.compile(r'"columns": \{"(\w+)": "(\w+)"\}'), r"--columns \1=\2"),
     (re.compile(r'Name it by columns, \{"(\w+)": "…"\}'), r"Name it by --columns \1=…"),
+    (re.compile(r'say "rate": …'), "say --rate HZ"),
     (re.compile(r'say "role": "friction" for'), "give it as --friction if it is"),
     (re.compile(r'State "gravity": \[([^\]]+)\] with the robot'), r"Say --gravity \1"),
     (re.compile(r'give the robot "drives": .* in N m/A \(or [^)]*\)'), "give --drive-gains in N m/A"),
@@ -76,7 +78,7 @@ def with_gains(robot: Robot, gains: str) -> Robot:
 def loaded(
     paths: Sequence[Path],
     robot: Robot,
-    reading: Reading,
+    reading: TimedReading,
     progress: Progress,
     others: Sequence[Path] = (),
     friction: Collection[Path] = (),
@@ -101,7 +103,7 @@ def loaded(
         for index, (path, name) in enumerate(zip(everything, names, strict=True)):
             said = told.get(name)
             if said is None:
-                said = _proposed(path, robot, answers) if reading.as_proposed else RecordingMetadata()
+                said = _proposed(path, robot, answers, reading.rate) if reading.as_proposed else RecordingMetadata()
             metadata = replace(
                 said,
                 name=name,
@@ -109,6 +111,7 @@ def loaded(
                 units={**said.units, **units},
                 role="friction" if path in friction else None,
                 windows=windows.get(name, said.windows),
+                rate=said.rate if reading.rate is None else reading.rate,
                 accept=tuple(reading.accept),
                 skip=(*said.skip, *(cast("ConditioningStep", name) for name in reading.skip)),
             )
@@ -123,12 +126,12 @@ def _neighbours(paths: Sequence[Path]) -> set[str]:
     return {file.stem for folder in folders for file in folder.iterdir() if file.is_file()}
 
 
-def _proposed(path: Path, robot: Robot, answers: Answers) -> RecordingMetadata:
+def _proposed(path: Path, robot: Robot, answers: Answers, rate: float | None) -> RecordingMetadata:
     from dynident.identification.imports import inspect_file
 
     check_readable(path)
     has_gains = all(drive.gain is not None for drive in robot.drives)
-    return as_proposed(path, inspect_file(path, robot), has_gains=has_gains, answers=answers)
+    return as_proposed(path, inspect_file(path, robot, rate), has_gains=has_gains, answers=answers)
 
 
 def _load(
@@ -142,6 +145,7 @@ def _load(
             error.detail += " Or have it put right: --cure."
         # Which of the files: the science knows columns, rows and times alone.
         error.detail = f"{path.name}: {_reworded(error.detail, metadata.name)}"
+        error.checks = tuple(replace(one, detail=_reworded(one.detail, metadata.name)) for one in error.checks)
         raise
     told = tuple(replace(one, detail=_reworded(one.detail, read.metadata.name)) for one in read.checks)
     return Loaded(read.recording, told, path, read.metadata)
@@ -183,7 +187,7 @@ def read(
     title: str,
     paths: Sequence[Path],
     robot: Robot,
-    reading: Reading,
+    reading: TimedReading,
     others: Sequence[Path] = (),
     friction: Collection[Path] = (),
     *,

@@ -19,7 +19,7 @@ _ELSEWHERE = ("name", "format", "role", "accept")
 """What is told by the file itself, or has options and commands of its own."""
 
 
-def proposed(found: Inspection) -> dict[str, object]:
+def proposed(found: Inspection, rate: float | None = None) -> dict[str, object]:
     """The metadata that are proposed, with what is still to be answered."""
     assert found.proposal is not None
     return {
@@ -27,6 +27,7 @@ def proposed(found: Inspection) -> dict[str, object]:
         "columns": dict(found.proposal.columns),
         "units": dict(found.proposal.units),
         "windows": [],
+        **({} if rate is None else {"rate": rate}),
         "effort_kind": found.proposal.effort_kind,
         "questions": [{"field": one.field, "detail": one.detail} for one in found.proposal.questions],
     }
@@ -43,6 +44,9 @@ class Answers:
 
     def answer(self, question: Question) -> bool:
         """Whether a question is answered by them."""
+        if question.field in ("effort_kind", "units/tau") and any(_kind(one) == "current" for one in self.columns):
+            # Currents, or registers, that drive gains make torques of: their size is looked at when they are read.
+            return True
         if question.check:
             # What cannot be cured is refused when the file is read, with the same words.
             return self.cure or question.check in self.accept or (question.field in ("units/tau",) and bool(self.units))
@@ -86,7 +90,10 @@ def as_proposed(path: Path, found: Inspection, *, has_gains: bool, answers: Answ
             title="Open questions",
         )
     taken = found.proposal
-    return RecordingMetadata(columns=taken.columns, units=taken.units, effort_kind=taken.effort_kind)
+    columns = dict(taken.columns)
+    if any(_kind(one) == "current" for one in given.columns):
+        columns = {ours: theirs for ours, theirs in columns.items() if _kind(ours) != "tau"}
+    return RecordingMetadata(columns=columns, units=taken.units, effort_kind=taken.effort_kind)
 
 
 def read_metadata(given: Sequence[str], names: Sequence[str]) -> dict[str, RecordingMetadata]:

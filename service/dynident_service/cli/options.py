@@ -48,8 +48,8 @@ Measurements = Annotated[
     list[Path],
     typer.Argument(
         metavar="MEASUREMENT",
-        help="Files with the columns t, q1… and tau1… or current1… (or q_<joint>…): CSV, Parquet, NumPy, MAT, HDF5, "
-        "bags, MCAP.",
+        help="Files with the columns t, q1… and tau1… or current1… (or q_<joint>…): CSV, JSON, Parquet, NumPy, MAT, "
+        "HDF5, bags, MCAP. Files that are one recording are given together: q.csv+dq.csv+tau.csv.",
         show_default=False,
     ),
     TO_READ,
@@ -92,9 +92,15 @@ class Beside:
     ] = ""
 
 
+Rate = Annotated[
+    float | None,
+    typer.Option("--rate", metavar="HZ", help="Rows a second, where files have no time.", min=1e-3, max=1e6),
+]
+
+
 @dataclass(frozen=True)
-class Reading:
-    """How measurement files are read."""
+class TimedReading:
+    """How measurement files are read that have a time, or of which the metadata state the rate."""
 
     columns: Annotated[
         list[str],
@@ -125,7 +131,8 @@ class Reading:
         several(
             "--skip",
             metavar="STEP",
-            help="Do not put right what looks wrong: held_samples, idle_drives, corrupted_samples, wrapped_angles; may "
+            help="Do not put right what looks wrong: registers, held_samples, idle_drives, corrupted_samples, "
+            "wrapped_angles; may "
             "be repeated.",
         ),
     ] = field(default_factory=list)
@@ -151,10 +158,27 @@ class Reading:
         ),
     ] = False
 
+    @property
+    def rate(self) -> float | None:
+        """The rate of rows without time."""
+        return None
+
+
+@dataclass(frozen=True)
+class Reading(TimedReading):
+    """How measurement files are read."""
+
+    rate: Rate = None
+
 
 @dataclass(frozen=True)
 class RobotReading(Beside, Reading):
     """Both."""
+
+
+@dataclass(frozen=True)
+class RobotTimedReading(Beside, TimedReading):
+    """Both, of a command that has a rate of its own."""
 
 
 Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Where to write the result.")]

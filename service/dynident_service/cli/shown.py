@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from typing import TYPE_CHECKING
 
@@ -39,13 +39,15 @@ if TYPE_CHECKING:
     from dynident.diagnosis import Comparison, Diagnosis, Judgement
     from dynident.diagnosis.result import Change
     from dynident.diagnosis.series import Course, Series, SeriesChange
-    from dynident.verdict import ModelVerdict
+    from dynident.validation.drift import Drift
+    from dynident.verdict import ModelVerdict, State
 
 _TOO_WIDE = (GROUPING, TIMES_SMALLEST)
 
 STOPPED = 3
 """The exit code of a model that is not to be used."""
 
+_STYLES: Mapping[State, str] = {"yes": "green", "limited": "yellow", "no": "red", "not_judged": "yellow"}
 _MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
 
 
@@ -106,7 +108,7 @@ def show_comparison(console: Console, name: str, found: Comparison, judged: Judg
             joint,
             *error_cells(moving, errors, j, found.units[j]),
             f"{number(float(judged.noise.values[j]))} {found.units[j]}",
-            f"{judged.over_noise[j]:.1f} x",
+            f"{judged.over_noise[j]:.1f} x" if moving.counts[j] else "–",
             f"{judged.effective_samples[j]:.0f} of {len(found.t)}",
         ]
         for j, joint in enumerate(found.joint_names)
@@ -195,6 +197,8 @@ def choice_text(choice: EffectChoice, robot: Robot) -> str:
 
 def error_cells(moving: Errors, errors: Errors, joint: int, unit: str) -> list[str]:
     """Of one joint: rms and relative error where it moves, relative error on all rows."""
+    if not errors.counts[joint]:
+        return ["no torque", "–", "–"]
     if not moving.counts[joint]:
         return ["never", "–", percent(float(errors.relative[joint]))]
     rms, relative = float(moving.rms[joint]), float(moving.relative[joint])
@@ -225,10 +229,24 @@ def show_verdict(console: Console, found: ModelVerdict) -> None:
         console.print(f"✕ {found.summary}", style="bold red")
     else:
         for one in found.uses:
-            mark, style = ("✓", "green") if one.fit else ("✕", "yellow")
-            console.print(f"{mark} {one.use.replace('_', ' ')}: {one.reason}", style=style)
+            console.print(f"{one.mark} {one.words}: {one.reason}", style=_STYLES[one.state])
+            console.print(f"    → {one.next_step}", soft_wrap=True)
+        if found.drift is not None:
+            _show_drift(console, found.drift)
     for step in found.next_steps:
         console.print(f"→ {step}")
+
+
+def _show_drift(console: Console, drift: Drift) -> None:
+    """How far a simulation is off that is left alone, joint by joint."""
+    rows = [
+        [joint, *(percent(share, 2) for share in each)]
+        for joint, each in zip(drift.joint_names, drift.share.T.tolist(), strict=True)
+    ]
+    columns = ("joint", *(f"after {after:g} s" for after in drift.after))
+    console.print(
+        table("A simulation left alone under the measured torque is off by, of the joint's way", columns, rows)
+    )
 
 
 def show_ladder(console: Console, found: Identification) -> None:

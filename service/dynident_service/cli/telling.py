@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from dynident.identification import Identification
+    from dynident.verdict import ModelVerdict
 
 Document = Mapping[str, object]
 Described = Callable[[], "BaseModel | Document"]
@@ -48,19 +49,26 @@ def say(as_json: bool, described: Described, show: Show, *written: str) -> None:
         console.print(line)
 
 
-def tell_rung(result: Result, found: Identification, parent_id: str, parent: Identification) -> None:
-    """The same of a model that was made from another one."""
+def tell_rung(
+    result: Result, found: Identification, parent_id: str, parent: Identification, judged: ModelVerdict | None = None
+) -> None:
+    """The same of a model that was made from another one, with the verdict on it where there is one."""
     from dynident.identification import to_bytes
-    from dynident_service.cli.shown import show_identification, show_ladder
+    from dynident_service.cli.shown import show_identification, show_ladder, show_verdict
 
-    def described() -> BaseModel:
+    def described() -> Document:
         from dynident_service.adapters.identifications import describe_identification
+        from dynident_service.adapters.verdicts import show_verdict as shown_verdict
+        from dynident_service.models.common import plain
 
-        return describe_identification(found, parent_id, parent)
+        document = plain(describe_identification(found, parent_id, parent))
+        return document if judged is None else {**document, "verdict": plain(shown_verdict(judged))}
 
     def show(console: Console) -> None:
         show_ladder(console, found)
         show_identification(console, found, parameters=False)
+        if judged is not None:
+            show_verdict(console, judged)
 
     tell(result, "model", described, show, lambda: to_bytes(found))
 

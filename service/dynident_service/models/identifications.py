@@ -171,6 +171,9 @@ class IdentificationResult(Shown):
     )
     residual: Annotated[ErrorsView, At("fit")]
     validation: Annotated[ErrorsView | None, At("held_out")]
+    copied: Annotated[list[str], At("data.copied")] = Field(
+        default=[], description="Held-out measurements, by name, with samples that the model was fitted to"
+    )
     converged: bool = Field(default=True, description="Whether the rounds that the estimator takes have settled")
     condition_number: float | None
     n_equations: int

@@ -12,7 +12,7 @@ from dynident_service.models.common import Asked, Identifier, Name, Shown
 from dynident_service.models.derived import asks
 from dynident_service.models.measurements import MeasurementMetadata
 
-_KNOWN_BEFOREHAND = ("columns", "units", "role", "windows")
+_KNOWN_BEFOREHAND = ("columns", "units", "role", "windows", "rate")
 
 
 @asks(RecordingMetadata, only=_KNOWN_BEFOREHAND)

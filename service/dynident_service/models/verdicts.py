@@ -15,8 +15,35 @@ class UseView(Shown):
     """Whether the model is fit for a use."""
 
     use: Literal["simulation", "feed_forward", "collision_detection", "payload"]
-    fit: bool
+    fit: bool = Field(description="Whether it may be used so, if only within the limit that the reason says")
+    state: Literal["yes", "limited", "no", "not_judged"] = Field(
+        description="limited: fit within a limit; not_judged: nothing was there to tell by"
+    )
     reason: str
+    next_step: str = Field(description="One thing to do next")
+
+
+class DriftView(Shown):
+    """How far a simulation is off that is left alone under the measured torque, root mean square over many starts.
+
+    null where it diverged, or where no stretch of the held-out data is that long.
+    """
+
+    joint_names: list[str]
+    after: list[float] = Field(description="s")
+    distance: list[list[float | None]] = Field(description="rad or m, after each time, per joint")
+    share: list[list[float | None]] = Field(description="Of the way that the joint made meanwhile")
+    starts: int
+
+
+class DetectableForceView(Shown):
+    """The force at the tool that shows above what the model leaves, at one false alarm an hour."""
+
+    force: float = Field(description="N, in 95 % of the directions and the postures of the held-out motion")
+    thresholds: list[float | None] = Field(
+        description="Of every joint's residual behind the model's filters, N m or N; null: it moves too seldom"
+    )
+    seconds: float = Field(description="Of held-out motion that this comes from")
 
 
 class StopView(Shown):
@@ -47,4 +74,7 @@ class VerdictView(Shown):
     stop: StopView | None = Field(description="Why it is not to be used at all; null if it may be used")
     summary: str
     common: list[CommonView] = Field(description="What held-out data share with those of the fit")
+    drift: DriftView | None = Field(default=None, description="null where no simulation was made")
+    force: DetectableForceView | None = Field(default=None, description="null where the data do not tell")
+    mass: float | None = Field(default=None, description="kg at the tool from which on a load shows; null: not told")
     next_steps: list[str] = Field(description="What to do about the error, in the order of what it usually costs")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import timedelta
 from pathlib import Path
 from typing import Annotated
@@ -16,7 +17,7 @@ from dynident_service.routes.common import RetryKeyDep, again, make, stated
 from dynident_service.routes.forms import FormRoute
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed
-from dynident_service.routes.uploads import media_type_of, receive, sha256_of
+from dynident_service.routes.uploads import FURTHER, MOST_FILES, media_type_of, receive, sha256_of
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Resource, RestsOn, Retry
 from dynident_service.storage.retention import KEPT
@@ -34,6 +35,7 @@ async def import_file(
     response: Response,
     file: Annotated[UploadFile, File(description="A recording as a robot or a logger wrote it")],
     metadata: Annotated[str, Form(description="A JSON object: see ImportMetadata")],
+    further: Annotated[list[UploadFile] | None, File(description=FURTHER, max_length=MOST_FILES - 1)] = None,
 ) -> ImportView:
     """Look at a file: metadata that are proposed for it, why, and what has to be answered before it can be used."""
     said = stated(ImportMetadata, metadata, "/metadata")
@@ -41,7 +43,7 @@ async def import_file(
         said = said.model_copy(update={"name": Path(file.filename).stem[:200] or None})
     with services.scratch() as folder:
         source = folder / "source"
-        sha256 = await to_thread.run_sync(_receive, services, file, source)
+        sha256 = await to_thread.run_sync(_receive, services, [file, *(further or ())], source)
         key = retry.of(said, sha256)
         known = await to_thread.run_sync(services.resources.known, key)
         if known is not None:
@@ -72,8 +74,8 @@ keep(
 )
 
 
-def _receive(services: Services, file: UploadFile, source: Path) -> str:
-    receive(services, file, source)
+def _receive(services: Services, files: Sequence[UploadFile], source: Path) -> str:
+    receive(services, files, source)
     return sha256_of(source)
 
 

@@ -24,7 +24,15 @@ from dynident_service.routes.common import RetryKey, RetryKeyDep, again, make, s
 from dynident_service.routes.forms import FormRoute
 from dynident_service.routes.kept import Kept, keep
 from dynident_service.routes.needs import needed
-from dynident_service.routes.uploads import MEDIA_TYPES, media_type_of, receive, require_room_for, sha256_of
+from dynident_service.routes.uploads import (
+    FURTHER,
+    MEDIA_TYPES,
+    MOST_FILES,
+    media_type_of,
+    receive,
+    require_room_for,
+    sha256_of,
+)
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
 from dynident_service.storage.tombstones import ObjectGone
@@ -68,6 +76,7 @@ async def upload_measurement(
     response: Response,
     file: Annotated[UploadFile | None, File(description="t, q…, tau… or current…, …, in any format")] = None,
     metadata: Annotated[str | None, Form(description="A JSON object: see MeasurementMetadata")] = None,
+    further: Annotated[list[UploadFile] | None, File(description=FURTHER, max_length=MOST_FILES - 1)] = None,
 ) -> MeasurementView:
     """Store a recording, checked; one that cannot be used is refused with the column and the row or time.
 
@@ -81,7 +90,7 @@ async def upload_measurement(
         raise ProblemError.of(validation_problem(fields))
     with services.scratch() as folder:
         said = stated(MeasurementMetadata, metadata, "/metadata")
-        received = await to_thread.run_sync(_receive, services, said, file, folder, retry)
+        received = await to_thread.run_sync(_receive, services, said, [file, *(further or ())], folder, retry)
         return await checked(request, services, received, response)
 
 
@@ -201,10 +210,10 @@ class Received:
 
 
 def _receive(
-    services: Services, said: MeasurementMetadata, file: UploadFile, folder: Path, key: RetryKey
+    services: Services, said: MeasurementMetadata, files: Sequence[UploadFile], folder: Path, key: RetryKey
 ) -> Received | Resource:
     source = folder / "source"
-    receive(services, file, source)
+    receive(services, files, source)
     sha256 = sha256_of(source)
     retry = key.of(said, sha256)
     if (known := services.resources.known(retry)) is not None:

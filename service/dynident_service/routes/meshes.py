@@ -125,7 +125,7 @@ def _receive(services: Services, files: Sequence[UploadFile], folder: Path) -> d
         if name in received:
             raise unusable(f"{name} comes twice; send it with its folders", "/files", title="Ambiguous mesh")
         received[name] = folder / f"sent-{place}"
-        receive(services, file, received[name])
+        receive(services, [file], received[name])
     return received
 
 

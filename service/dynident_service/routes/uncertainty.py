@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Annotated, Any
 
 from anyio import to_thread
@@ -16,6 +17,8 @@ from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Resource
 
 AWAITED = "dynident_service.work.awaited"
+MOST_OUTCOMES = 100
+"""Validations of a model that are looked through, the newest first."""
 JUDGE = "dynident_service.work.verdicts:judge"
 
 router = APIRouter(prefix="/v1/identifications", tags=["identifications"])
@@ -59,26 +62,45 @@ async def get_verdict(identification_id: str, request: Request, services: Servic
         return {
             "fitted": [_measurement(services, one) for one in found.all("training")],
             "held_out": [_measurement(services, one) for one in found.all("validation")],
+            "outcomes": _outcomes(services, identification_id),
         }
 
     asked = {"model": await model_file(services, identification_id), **await to_thread.run_sync(find)}
-    # A model and its measurements never change, and neither does what is said of them.
-    if (known := services.verdicts.get(identification_id)) is not None:
+    # A model and its measurements never change: what is said of them changes with its validations alone.
+    key = f"{identification_id} {json.dumps(asked['outcomes'])}"
+    if (known := services.verdicts.get(key)) is not None:
         return known
     judged = await services.awaited.call(request, JUDGE, dict, asked)
     found = VerdictView.model_validate(judged)
-    services.verdicts.keep(identification_id, found)
+    services.verdicts.keep(key, found)
     return found
 
 
+def _outcomes(services: Services, identification_id: str) -> list[dict[str, Any]]:
+    """How the newest validation of every kind ended."""
+    page = services.resources.page("validation", MOST_OUTCOMES, on_id=identification_id)
+    newest = {one.request["kind"]: one.result for one in reversed(page.items) if one.result is not None}
+    return [
+        {"kind": kind, "verdict": result["verdict"], "reason": result["reason"]}
+        for kind, result in sorted(newest.items())
+        if result is not None
+    ]
+
+
 def refuse_stopped(found: Resource) -> None:
-    """Raise a problem 409 for a model whose error says that it is not to be used."""
+    """Raise a problem 409 for a model that its error, or held-out data of the fit, say not to use."""
     with importing():
         from dynident.identification.thresholds import STOP
 
     result = IdentificationResult.model_validate(found.result)
     errors = [one.relative_total for one in (result.validation, result.residual) if one is not None]
     worst = max((one for one in errors if one is not None), default=0.0)
+    if result.copied:
+        detail = (
+            f"The held-out data of this model ({', '.join(result.copied)}) hold samples that it was fitted to: nothing "
+            "has tried it. Hold out another measurement. To export it all the same, say anyway=true."
+        )
+        raise ProblemError(409, detail, title="Not fit for use")
     if worst > STOP:
         detail = (
             f"The error of this model is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect "

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Sequence
+from pathlib import Path, PurePath
 
 from fastapi import UploadFile
 
+from dynident.recordings.packing import MOST_FILES, pack_files
+from dynident_service.problems import unusable
 from dynident_service.services import Services
 from dynident_service.storage.objects import digest
 from dynident_service.storage.space import require_room
 
+__all__ = ["FURTHER", "MEDIA_TYPES", "MOST_FILES", "media_type_of", "receive", "require_room_for", "sha256_of"]
+
+FURTHER = "Further files of the same recording: signals in files of their own, joined by time or row by row"
 MEDIA_TYPES = {"csv": "text/csv", "parquet": "application/vnd.apache.parquet"}
 
 
@@ -18,10 +24,19 @@ def require_room_for(services: Services, size: int) -> None:
     require_room(services.settings.data_dir, 2 * size, services.settings.reserved_bytes)
 
 
-def receive(services: Services, file: UploadFile, target: Path) -> None:
-    """Move what was uploaded to where it is wanted."""
-    require_room_for(services, file.size or 0)
-    Path(file.file.name).replace(target)
+def receive(services: Services, files: Sequence[UploadFile], target: Path) -> None:
+    """Move what was uploaded to where it is wanted; several files that are one recording become an archive."""
+    require_room_for(services, sum(file.size or 0 for file in files))
+    sent = [Path(file.file.name) for file in files]
+    if len(sent) == 1:
+        sent[0].replace(target)
+        return
+    names = [PurePath(file.filename or f"file{number}").name for number, file in enumerate(files, start=1)]
+    repeated = next((name for name in names if names.count(name) > 1), None)
+    if repeated is not None:
+        detail = f"two files are called {repeated!r}; their names tell the signals of one from those of another"
+        raise unusable(detail, "/further", title="Unusable file")
+    pack_files(list(zip(names, sent, strict=True)), target)
 
 
 def sha256_of(path: Path) -> str:

@@ -10,7 +10,8 @@ from typing import TypedDict
 from dynident.identification import from_bytes
 from dynident.recordings import Check, open_recording
 from dynident.recordings.types import Status
-from dynident.verdict import verdict
+from dynident.validation import Judged, Verdict
+from dynident.verdict import Outcome, verdict
 from dynident_service.adapters.verdicts import SeenMeasurement, show_verdict
 from dynident_service.models.common import plain
 from dynident_service.models.measurements import MeasurementMetadata
@@ -33,14 +34,28 @@ class SentMeasurement(TypedDict):
     checks: Sequence[SentCheck]
 
 
-def judge(model: str, fitted: Sequence[SentMeasurement], held_out: Sequence[SentMeasurement]) -> dict[str, object]:
+class SentOutcome(TypedDict):
+    """What is sent of a validation that has ended."""
+
+    kind: str
+    verdict: Verdict
+    reason: str
+
+
+def judge(
+    model: str,
+    fitted: Sequence[SentMeasurement],
+    held_out: Sequence[SentMeasurement],
+    outcomes: Sequence[SentOutcome] = (),
+) -> dict[str, object]:
     """Say what the model in a file is fit for."""
     names: set[str] = set()
     seen = [_opened(one, names) for one in fitted], [_opened(one, names) for one in held_out]
     pairs = zip([*seen[0], *seen[1]], [*fitted, *held_out], strict=True)
     checks = {one.recording.name: _checks(given) for one, given in pairs}
     recordings, validation = ([one.recording for one in group] for group in seen)
-    found = verdict(from_bytes(Path(model).read_bytes()), recordings, validation, checks)
+    ended = [Outcome(one["kind"], Judged(one["verdict"], one["reason"])) for one in outcomes]
+    found = verdict(from_bytes(Path(model).read_bytes()), recordings, validation, checks, ended)
     return plain(show_verdict(found, [*seen[0], *seen[1]]))
 
 

@@ -128,7 +128,7 @@ class ComparedRecording(Framed):
             f"{number(float(moving.rms[joint]))} {unit}" if moves else "–",
             percent(float(found.errors.relative[joint])),
             f"{number(float(judged.noise.values[joint]))} {unit}",
-            f"{judged.over_noise[joint]:.1f} x",
+            f"{judged.over_noise[joint]:.1f} x" if moving.counts[joint] else "–",
         )
 
 

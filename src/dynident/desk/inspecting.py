@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypedDict
 
 from dynident.desk.robots import DriveGains, with_gains
-from dynident.errors import DynidentError
 from dynident.html import block, listed, paragraph, table
 from dynident.identification.imports import Guess, Inspection, Question, inspect_file
+from dynident.recordings.names import readable_path
 from dynident.robot import Robot
 
 _COLUMNS = ("what", "proposed", "how sure", "why")
@@ -21,6 +22,7 @@ class ProposedColumns(TypedDict, total=False):
 
     columns: dict[str, str]
     units: dict[str, str]
+    rate: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +30,7 @@ class InspectedFile:
     """What a file most probably holds; `read_recordings(path, robot=robot, **found.said)` takes it as proposed."""
 
     inspection: Inspection
+    rate: float | None = None
 
     @property
     def guesses(self) -> tuple[Guess, ...]:
@@ -41,9 +44,12 @@ class InspectedFile:
 
     @property
     def said(self) -> ProposedColumns:
-        """Columns and units that are proposed, as `read_recordings` takes them."""
+        """Columns and units that are proposed, and the rate that was stated, as `read_recordings` takes them."""
         proposal = self.inspection.proposal
-        return {} if proposal is None else {"columns": dict(proposal.columns), "units": dict(proposal.units)}
+        if proposal is None:
+            return {}
+        said: ProposedColumns = {"columns": dict(proposal.columns), "units": dict(proposal.units)}
+        return said if self.rate is None else {**said, "rate": self.rate}
 
     def __repr__(self) -> str:
         lines = [self._head()]
@@ -68,16 +74,25 @@ class InspectedFile:
         return f"{self.inspection.format}, {len(names)} columns: {', '.join(names[:_NAMES])}{more}"
 
 
-def inspect(path: str | Path, robot: Robot | None = None, *, drive_gains: DriveGains | None = None) -> InspectedFile:
+def inspect(
+    path: str | Path | Sequence[str | Path],
+    robot: Robot | None = None,
+    *,
+    drive_gains: DriveGains | None = None,
+    rate: float | None = None,
+) -> InspectedFile:
     """Look at a file in any format that is read: what its columns are, in which units, and what is to be answered.
 
     Parameters
     ----------
-    path : path
+    path : path, or several
+        Several files that are one recording are given together: ("q.csv", "dq.csv", "tau.csv").
     robot : Robot, optional
         Whose recording it is; without it the columns are only listed.
     drive_gains : mapping of joint name to float, or one float a joint
         In N m (N) per unit of current, instead of the robot's.
+    rate : float, optional
+        Hz of the rows, where the file has no time.
 
     Raises
     ------
@@ -86,11 +101,9 @@ def inspect(path: str | Path, robot: Robot | None = None, *, drive_gains: DriveG
     RecordingError
         For a file that cannot be read.
     """
-    found = Path(path)
-    if not found.is_file():
-        raise DynidentError(f"there is no file {found}", pointer=str(found), title="No such file")
+    found = readable_path(path)
     machine = with_gains(robot, drive_gains) if robot is not None and drive_gains is not None else robot
-    return InspectedFile(inspect_file(found, machine))
+    return InspectedFile(inspect_file(found, machine, rate), rate)
 
 
 def _question(one: Question) -> str:

@@ -27,7 +27,7 @@ from dynident.progress import Progress, silent
 from dynident.reports.numbers import counted, number, percent
 from dynident.reports.words import place_text, rung_mark, shape_text, title_of
 from dynident.robot import Robot
-from dynident.verdict import ModelVerdict, verdict
+from dynident.verdict import ModelVerdict, Outcome, verdict
 
 NO_DATA = Recordings(())
 _LONGEST = 90
@@ -102,14 +102,19 @@ class Model:
                              f"{counted(len(found.warnings), 'warning')}.")  # fmt: skip
         return " ".join(sentences)
 
-    def verdict(self) -> ModelVerdict:
+    def verdict(self, validations: Sequence[Outcome] = ()) -> ModelVerdict:
         """What the model is fit for (simulation, feed-forward, collision detection, payload), why not, what to do next.
 
         Without the recordings (see `with_data`) neither what the held-out data share with those of the fit nor the
-        cause of a gross mistake is looked for.
+        cause of a gross mistake is looked for, and simulation, collision detection and payload are not judged.
+
+        Parameters
+        ----------
+        validations : sequence of Outcome, optional
+            What `validate` gave: a test that failed revises the verdict of the use that it is about.
         """
         checks = {one.name: one.checks for one in (*self.recordings, *self.validation)}
-        return verdict(self.identification, self.recordings.recordings, self.validation.recordings, checks)
+        return verdict(self.identification, self.recordings.recordings, self.validation.recordings, checks, validations)
 
     def extend(self, *what: Addition, progress: Progress = silent) -> Model:
         """Add effects, one rung of the ladder each, on the data that the model was identified from.

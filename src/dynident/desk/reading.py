@@ -17,7 +17,7 @@ from dynident.errors import DynidentError
 from dynident.identification.robot_recordings import MOST_CURES, import_cured
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
-from dynident.recordings.names import unique_names
+from dynident.recordings.names import readable_path, unique_names
 from dynident.recordings.stated import RevisionFields
 from dynident.robot import Robot
 
@@ -33,17 +33,18 @@ _REWORDED = (
 
 
 def read_recordings(
-    *paths: str | Path,
+    *paths: str | Path | Sequence[str | Path],
     robot: Robot,
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     windows: Sequence[tuple[float, float]] = (),
     drive_gains: DriveGains | None = None,
+    rate: float | None = None,
     metadata: RecordingMetadata | None = None,
     cure: bool = False,
     progress: Progress = silent,
 ) -> Recordings:
-    """Read CSV or Parquet files, and check what usually goes wrong in them.
+    """Read files of recordings, and check what usually goes wrong in them.
 
     Files hold the columns `t`, `q1`, … (or `q_<joint>`, …) and `tau1`, … or `current1`, …; see docs/my-robot.md. What
     is said here is said of all of them: read files that differ by a call each, and join the results with +.
@@ -54,8 +55,9 @@ def read_recordings(
 
     Parameters
     ----------
-    paths : path
-        Each recording is called after its file, without the ending.
+    paths : path, or several
+        Each recording is called after its file, without the ending. Files that are one recording are given together:
+        ("q.csv", "dq.csv", "tau.csv").
     robot : Robot
         Whose joints the columns are of; its limits are checked against, and its drive gains turn currents to torques.
     columns : mapping of our name to the file's
@@ -66,6 +68,8 @@ def read_recordings(
         Seconds of t to use; all of them where there are none.
     drive_gains : mapping of joint name to float, or one float a joint
         G_T of [12.17] in N m (N) per unit of current, for these files instead of the robot's.
+    rate : float, optional
+        Hz of the rows, where the files have no time.
     metadata : RecordingMetadata, optional
         Everything that can be said of a file: its role ("friction" for runs at constant velocity, one joint at a time),
         a known payload, checks to accept, signs, factors and order of columns, a delay of the torque. What is said
@@ -85,7 +89,7 @@ def read_recordings(
     RecordingError
         Where files cannot be used: one error for all of them, with everything that was found in its text and `checks`.
     """
-    files = [_readable(path) for path in paths]
+    files = [readable_path(path) for path in paths]
     if not files:
         raise DynidentError("give at least one file to read", title="No such file")
     machine = robot if drive_gains is None else with_gains(robot, drive_gains)
@@ -94,6 +98,8 @@ def read_recordings(
         said = replace(said, columns=dict(columns))
     if units is not None:
         said = replace(said, units=dict(units))
+    if rate is not None:
+        said = replace(said, rate=rate)
     if windows:
         said = replace(said, windows=tuple((float(start), float(end)) for start, end in windows))
     found: list[CheckedRecording] = []
@@ -175,15 +181,6 @@ def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
 def _remove_when_unused(recording: Recording, path: Path) -> None:
     # Copies of a recording (other windows, another name) share the source that reads the file.
     weakref.finalize(recording.source, path.unlink, missing_ok=True)
-
-
-def _readable(path: str | Path) -> Path:
-    if not isinstance(path, (str, Path)):
-        raise DynidentError(f"{path!r} is no path; give the files one by one: read_recordings(*paths, robot=robot)")
-    found = Path(path)
-    if not found.is_file():
-        raise DynidentError(f"there is no file {found}", pointer=str(found), title="No such file")
-    return found
 
 
 def _together(failures: Sequence[tuple[Path, RecordingError]], n_files: int) -> RecordingError:

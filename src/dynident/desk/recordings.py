@@ -17,6 +17,7 @@ from dynident.errors import DynidentError
 from dynident.html import block, listed, paragraph, table
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
 from dynident.recordings.digest import digest_of
+from dynident.recordings.names import parts_of
 from dynident.recordings.stored import StoredSamples, stored_samples
 from dynident.robot import Robot
 
@@ -36,7 +37,7 @@ class Source:
     @property
     def sha256(self) -> str:
         """The file's, "" where it is not there any more."""
-        return digest_of(self.path) if self.path.is_file() else ""
+        return digest_of(self.path) if all(part.is_file() for part in parts_of(self.path)) else ""
 
 
 @dataclass(frozen=True, eq=False)

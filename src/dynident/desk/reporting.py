@@ -100,7 +100,7 @@ def report(
         runs,
         diagnosis=None if diagnosis is None else diagnosis.diagnosis,
         design=None if design is None else design.design,
-        validations=[ReportedValidation(one.title, one.judged) for one in validations or ()],
+        validations=[ReportedValidation(one.title, one.judged, kind=one.kind) for one in validations or ()],
         title=heading,
     )
     progress(1.0, "written")

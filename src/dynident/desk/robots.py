@@ -52,7 +52,8 @@ def load_robot(
     drive_gains : mapping of joint name to float, or one float a joint
         G_T of [12.17] in N m (N) per unit of current, for recordings that hold currents; instead of `drives`.
     locked_joints : mapping of joint name to position
-        These joints (rad, m) do not move and are in no recording: a gripper's, for instance.
+        These joints (rad, m) do not move and are in no recording: a gripper's, for instance, or a floating base that
+        is clamped (at 0).
     gravity : (x, y, z), optional
         In the base frame, m/s².
 

@@ -22,17 +22,17 @@ from dynident.validation import (
     validate_direct,
     validate_inertia_matrix,
 )
+from dynident.verdict import Outcome
 
 _COLUMNS = ("validation", "verdict", "why")
 _WORDS = {"pass": "✓ pass", "fail": "✕ fail", "not_evaluated": "– not evaluated"}
 
 
 @dataclass(frozen=True)
-class Validation:
-    """One test of a model: what was tried, and how it ended and why, in `judged`."""
+class Validation(Outcome):
+    """One test of a model: its `kind`, how it ended and why, in `judged`, and what was tried in words."""
 
     title: str
-    judged: Judged
 
     @property
     def verdict(self) -> Verdict:
@@ -115,8 +115,8 @@ def validate(
     inertia = validate_inertia_matrix(found, seed=seed, progress=part(progress, 0.6, 1.0)).judged
     return Validations(
         (
-            Validation("direct: on the identification's own data", direct),
-            Validation("cross: on data that no parameter saw", cross),
-            Validation("inertia matrix over the joint range", inertia),
+            Validation("direct", direct, "direct: on the identification's own data"),
+            Validation("cross", cross, "cross: on data that no parameter saw"),
+            Validation("inertia_matrix", inertia, "inertia matrix over the joint range"),
         )
     )

@@ -56,8 +56,9 @@ BISQUARE = Influence(_bisquare_weight, _bisquare_slope)
 def robust_scale(residuals: FloatArray) -> FloatArray:
     """(n,): standard deviation of residuals (m, n) about zero, from their median size: a third may be outliers.
 
-    What is not a number does not count.
+    What is not a number does not count; of an equation without any it is zero.
     """
-    if not len(residuals):
-        return np.zeros(residuals.shape[1])
-    return np.asarray(np.nanmedian(np.abs(residuals), axis=0) / _MEDIAN)
+    scale = np.zeros(residuals.shape[1])
+    known = np.isfinite(residuals).any(axis=0)
+    scale[known] = np.nanmedian(np.abs(residuals[:, known]), axis=0) / _MEDIAN
+    return scale

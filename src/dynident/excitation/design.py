@@ -85,7 +85,8 @@ def design_experiment(
     progress(0.0, f"{model.n_parameters} base parameters")
     made = joint_by_joint(task) if request.kind in JOINT_BY_JOINT else _moving_together(task, budget)
     motion = in_sequence(made.pieces, task.rate)
-    reach = reach_notes(robot, motion.t, motion.q, request.surroundings)
+    floor_assumed = limits.space is not None and limits.space.assumed
+    reach = reach_notes(robot, motion.t, motion.q, request.surroundings, floor_assumed=floor_assumed)
     progress(1.0, "done")
     return Design(
         joint_names=robot.joint_names,

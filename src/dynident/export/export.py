@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 from dynident.encoding import encode_text
@@ -41,7 +42,19 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
             pointer="/format",
             title="No such format",
         )
-    return FORMATS[format](identification, nearest)
+    return _with_notes(FORMATS[format](identification, nearest), identification)
+
+
+def _with_notes(file: ExportedFile, identification: Identification) -> ExportedFile:
+    """Add what holds of the model in every format."""
+    joints = identification.model.robot.joints_without_torque
+    if not joints:
+        return file
+    note = (
+        f"The torque of {', '.join(joints)} is in no recording: its own friction and drive are not in the model, and "
+        "its torque is that of its links alone."
+    )
+    return replace(file, notes=(*file.notes, note))
 
 
 def _json(identification: Identification, nearest: bool) -> ExportedFile:

@@ -78,7 +78,7 @@ class IdentificationChoices:
     effects: tuple[EffectChoice, ...] = said("What acts on the joints", default=DEFAULT_EFFECTS, option="-")
     model: ModelName = said("Rows of W", default="dynamic", kinds=MODELS)
     strategy: StrategyName = said("Parameters at a time", default="global", kinds=STRATEGIES)
-    estimator: EstimatorName | Estimator = said("How χ is solved for", default="wls", kinds=ESTIMATORS)
+    estimator: EstimatorName | Estimator = said("How χ is solved for", default="auto", kinds=ESTIMATORS)
     steps: StepsName = said("Of the sequential strategy", default="link_by_link", kinds=STEPS)
     prior: PriorName | None = said(
         "Inertias that the robot's description gives, weighted by their uncertainty", default=None, kinds=PRIORS

@@ -52,7 +52,7 @@ class AsRecorded:
     """
 
     def __init__(self, file: FileOfRobot, wanted: Sequence[str] = ()) -> None:
-        self._source: FileSource = open_source(file.path, file.metadata.format)
+        self._source: FileSource = open_source(file.path, file.metadata.format, file.metadata.rate)
         layout, _ = find_columns(self._source.names, file.joints, file.metadata)
         known = _known(layout, file)
         names = list(dict.fromkeys(wanted)) or [f"{kind}{k + 1}" for kind in ("q", "tau") for k in range(len(layout.q))]

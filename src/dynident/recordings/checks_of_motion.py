@@ -23,6 +23,9 @@ TOLD = 0.005
 FASTEST = 25.0
 """No joint of an arm turns faster, in rad/s (240 rpm)."""
 
+MOST_TURNS = 20.0 * pi
+"""rad, ten turns: more than joints with limits make; and as times a joint's limits more than degrees are of radians."""
+
 STEPS_NEEDED = 100
 STEPS_WANTED = 1000
 
@@ -134,6 +137,17 @@ def _units(recording: Recording, seen: _Seen, layout: Layout, limits: tuple[Join
         low, high, rate = float(seen.low[joint]), float(seen.high[joint]), float(fastest[joint])
         small, unit, ours = (DEGREE, "deg", "rad") if limit.kind == "revolute" else (1e-3, "mm", "m")
         where = int(seen.row[row]), float(seen.t[row])
+        if _is_counted(limit, low, high):
+            return Check(
+                "position_unit",
+                "error",
+                f"{column} runs from {low:.6g} to {high:.6g} {ours} (farthest in row {where[0]}, t = {where[1]:.6g} "
+                "s), which no unit of angles makes a joint's: it looks like the counts of an encoder. Say how many "
+                'make a turn, "units": {"q": "counts:4096"}, and behind an @ which count is zero if 0 is not: '
+                '"counts:4096@2048".',
+                column,
+                *where,
+            )
         if _other_unit(limit, low, high, rate, small):
             return Check(
                 "position_unit",
@@ -179,6 +193,16 @@ def _other_unit(limit: JointLimits, low: float, high: float, rate: float, small:
     fastest = 3.0 * limit.velocity if limit.velocity is not None else (FASTEST if limit.kind == "revolute" else 20.0)
     widest = 8.0 * pi if limit.kind == "revolute" else 20.0
     return rate > fastest or (max(abs(low), abs(high)) > widest and high - low > widest)
+
+
+def _is_counted(limit: JointLimits, low: float, high: float) -> bool:
+    """Tell whether an angle is far from a joint's, in degrees as well."""
+    if limit.kind != "revolute":
+        return False
+    farthest = max(abs(low), abs(high))
+    if limit.position is None:
+        return farthest * DEGREE > MOST_TURNS
+    return farthest > MOST_TURNS and farthest > MOST_TURNS * max(map(abs, limit.position))
 
 
 def _quantisation(recording: Recording, seen: _Seen, layout: Layout) -> Check:

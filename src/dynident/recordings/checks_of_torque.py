@@ -7,7 +7,7 @@ from scipy.optimize import linear_sum_assignment
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings import evidence as against_motion
-from dynident.recordings.columns import Layout
+from dynident.recordings.columns import NOT_RECORDED, Layout
 from dynident.recordings.evidence import Evidence
 from dynident.recordings.sampling import RawSample
 from dynident.recordings.stated import COMMANDED, DELAY, Revision
@@ -142,6 +142,7 @@ def _plateaus(tau: FloatArray) -> BoolArray:
 def _constant(recording: Recording, sample: RawSample, layout: Layout) -> Check:
     tau, q = sample.tau[sample.used], sample.q[sample.used]
     first = int(np.flatnonzero(sample.used)[0])
+    row, time = int(sample.row[first]), float(sample.t[first])
     if not tau.any() and (np.ptp(q, axis=0) > 2e-3).any():
         return Check(
             "constant_torque",
@@ -149,21 +150,25 @@ def _constant(recording: Recording, sample: RawSample, layout: Layout) -> Check:
             "The torque is 0 in every row while the robot moves: its motors are off, or the torque was not recorded. "
             "From a free swing only ratios can be found: inertia and friction over gravity.",
             layout.tau[0].source,
-            int(sample.row[first]),
-            float(sample.t[first]),
+            row,
+            time,
         )
-    for joint in range(recording.n):
-        if np.ptp(tau[:, joint]) <= 1e-9 * max(1.0, float(np.abs(tau[:, joint]).max())) and np.ptp(q[:, joint]) > 2e-3:
-            return Check(
-                "constant_torque",
-                "error",
-                f"{layout.tau[joint].source} is {tau[0, joint]:.4g} in every row from row {sample.row[first]} on, "
-                f"while {layout.q[joint].source} moves: the torque was not recorded.",
-                layout.tau[joint].source,
-                int(sample.row[first]),
-                float(sample.t[first]),
-            )
-    return Check("constant_torque", "ok", "Every torque varies.")
+    varies = np.ptp(tau, axis=0) > 1e-9 * np.maximum(1.0, np.abs(tau).max(axis=0))
+    constant = np.flatnonzero(~varies & (np.ptp(q, axis=0) > 2e-3) & recording.has_torque)
+    if not len(constant):
+        return Check("constant_torque", "ok", "Every torque varies.")
+    joint = int(constant[0])
+    detail = (
+        f"{layout.tau[joint].source} is {tau[0, joint]:.4g} in every row from row {sample.row[first]} on, "
+        f"while {layout.q[joint].source} moves: the torque was not recorded."
+    )
+    cure = None
+    if len(constant) < np.count_nonzero(recording.has_torque):
+        told = ", ".join(f'"tau{one + 1}": "{NOT_RECORDED}"' for one in constant)
+        names = " and ".join(recording.joint_names[one] for one in constant)
+        detail += f' To leave the equation of {names} out and use the motion all the same, say "columns": {{{told}}}.'
+        cure = Revision(columns={f"tau{one + 1}": NOT_RECORDED for one in constant})
+    return Check("constant_torque", "error", detail, layout.tau[joint].source, row, time, cure)
 
 
 def _order(recording: Recording, evidence: Evidence, layout: Layout, sample: RawSample) -> Check:

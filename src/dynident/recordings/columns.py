@@ -13,6 +13,9 @@ from dynident.recordings.stated import RecordingMetadata
 from dynident.recordings.types import WRENCH_NAMES, Check, JointKind, RecordedJoints, RecordingError
 from dynident.recordings.units import JOINT_KINDS, KINDS, conversion, unit_for
 
+NOT_RECORDED = "none"
+"""What the torque of a joint is mapped to that was not recorded."""
+
 
 @dataclass(frozen=True)
 class Column:
@@ -34,7 +37,8 @@ class Layout:
     """The columns that are read: one of q and tau per joint, the optional kinds for all joints or for none.
 
     `wrench` are the six of the base's reaction, or none. `mixing` (n, n): what the columns of tau are multiplied by
-    from the right where motors act on several joints.
+    from the right where motors act on several joints. `without_torque` are the joints, from 0, whose torque was not
+    recorded; it is read as zero.
     """
 
     t: Column
@@ -47,6 +51,7 @@ class Layout:
     temperature: tuple[Column, ...] = ()
     wrench: tuple[Column, ...] = ()
     mixing: FloatArray | None = None
+    without_torque: tuple[int, ...] = ()
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -98,9 +103,13 @@ def find_columns(
     """
     finder = _Finder(names, joints, metadata)
     n, gains, coupling = joints.n, joints.known_gains, joints.coupling
-    tau, from_current, unused = [], [], []
+    tau, from_current, unused, without_torque = [], list[str](), list[str](), []
     mixing = np.eye(n)
     for joint in range(n):
+        if finder.has_no_torque(joint):
+            tau.append(silenced(finder.needed("q", joint)))
+            without_torque.append(joint)
+            continue
         torque, current = finder.find("tau", joint), finder.find("current", joint)
         if torque is not None:
             tau.append(torque)
@@ -112,19 +121,10 @@ def find_columns(
                 mixing[joint] = coupling[joint]
         else:
             raise finder.missing("tau", joint, f" or a current ({_or('current', joints.names[joint], joint)})")
-    time = finder.find("t", None)
-    if time is None:
-        raise finder.missing("t", None)
-    q = []
-    for joint in range(n):
-        position = finder.find("q", joint)
-        if position is None:
-            raise finder.missing("q", joint)
-        q.append(position)
     layout = Layout(
-        t=time,
+        t=finder.needed("t", None),
         segment=finder.find_plain("segment"),
-        q=tuple(q),
+        q=tuple(finder.needed("q", joint) for joint in range(n)),
         tau=tuple(tau),
         dq=finder.find_all("dq"),
         ddq=finder.find_all("ddq"),
@@ -132,6 +132,7 @@ def find_columns(
         temperature=finder.find_all("temperature"),
         wrench=finder.find_wrench(),
         mixing=None if np.array_equal(mixing, np.eye(n)) else mixing,
+        without_torque=tuple(without_torque),
     )
     return layout, _torque_source(from_current, unused, layout.mixing is not None)
 
@@ -152,6 +153,11 @@ def _torque_of(current: Column, joint_name: str, gain: float | None) -> Column:
             title="Missing drive gain",
         )
     return Column(current.source, current.factor * gain, current.offset * gain)
+
+
+def silenced(position: Column) -> Column:
+    """Give the column of a torque that was not recorded: zero in every row that has the joint's position."""
+    return Column(position.source, 0.0)
 
 
 def surplus_columns(names: Sequence[str], n: int, metadata: RecordingMetadata) -> Check | None:
@@ -216,6 +222,25 @@ class _Finder:
         times = 1.0 if joint is None else self.arrangement.factor(kind, joint)
         return Column(source, factor * times, offset * times)
 
+    def has_no_torque(self, joint: int) -> bool:
+        """Tell whether the user says that the torque of a joint was not recorded."""
+        read = self.arrangement.read("tau", joint)
+        ours = (f"tau_{self.joint_names[read]}", f"tau{read + 1}")
+        return self._source(ours) == NOT_RECORDED and NOT_RECORDED not in self.names
+
+    def needed(self, kind: str, joint: int | None) -> Column:
+        """Find a column without which nothing can be read.
+
+        Raises
+        ------
+        RecordingError
+            Where the file lacks it.
+        """
+        column = self.find(kind, joint)
+        if column is None:
+            raise self.missing(kind, joint)
+        return column
+
     def find_plain(self, name: str) -> Column | None:
         """Find a column that has no unit."""
         source = self._source((name,))
@@ -259,18 +284,27 @@ class _Finder:
         whose = "" if joint is None else f" of joint {self.joint_names[joint]}"
         shown = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
         hint = ""
+        if kind == "t":
+            hint = ' Where the file has no time, say "rate": … in Hz.'
+        elif kind in ("q", "tau") and not any(name.startswith(kind) for name in self.names):
+            hint = " Where it is in another file, give the files as one recording, a.csv+b.csv."
         if all(name == f"column{number}" for number, name in enumerate(self.names, start=1)):
-            hint = " The file gives no names of the columns, so that they are counted here."
+            hint += " The file gives no names of the columns, so that they are counted here."
         elif f"{kind}0" in self.names:
             hint = f" Joints are counted from 1 here, and the file has {kind}0: map them with columns."
         return RecordingError(
             f"No column {wanted} for {kind}{whose}{instead}. The file holds: {shown}. Name it by columns, "
             f'{{"{kind if joint is None else kind + str(joint + 1)}": "…"}}'
-            + ("." if joint is None else ", or lock the joint if it does not move.")
+            + ("." if joint is None else f", or lock the joint if it does not move{self._unrecorded(kind, joint)}.")
             + hint,
             pointer=f"/columns/{kind if joint is None else kind + str(joint + 1)}",
             title="Missing column",
         )
+
+    def _unrecorded(self, kind: str, joint: int) -> str:
+        if kind != "tau":
+            return ""
+        return f'; if its torque was not recorded, say {{"tau{joint + 1}": "{NOT_RECORDED}"}}, and its motion is used'
 
     def _source(self, ours: tuple[str, ...]) -> str | None:
         for name in ours:
@@ -296,7 +330,7 @@ class _Finder:
                     pointer=f"/columns/{ours}",
                     title="Unknown column",
                 )
-            if theirs not in self.names:
+            if theirs not in self.names and not (theirs == NOT_RECORDED and ours.startswith("tau")):
                 raise RecordingError(
                     f"columns maps {ours} to {theirs!r}, which the file does not hold; it holds: "
                     f"{', '.join(self.names[:40])}.",

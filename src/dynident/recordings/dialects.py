@@ -2,79 +2,171 @@
 
 from __future__ import annotations
 
+import codecs
+import csv
 import re
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
+from dynident.recordings.formats.rewriting import (
+    close_lists,
+    flatten_lists,
+    has_lists,
+    lengths_of_lists,
+    squeeze_spaces,
+)
+from dynident.recordings.lists import counted_names
 from dynident.recordings.types import RecordingError
 
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _UNIT = re.compile(r"^[\[(]?[A-Za-zµμ°%‰·*./^²0-9 -]{0,12}[\])]?$")
+_TUPLE = re.compile(r"^\(.*\)$")
 _LOOKED_AT = 1 << 16
+_ROWS = 200
+_NO_NUMBERS = ("nan", "-nan", "inf", "-inf", "na", "n/a", "null", "none")
+_FIELDS_OF_JOINTS = {1: ("position",), 2: ("numbers1", "numbers2"), 3: ("position", "velocity", "effort")}
+"""Arrays of a message of joint states by their number; of two it is not said which are left empty."""
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a CSV file is written; `units` are those of a line of units below the names."""
+    """How a CSV file is written.
+
+    `units` are those of a line of units below the names, `texts` the first cells of columns that hold words. `rewrite`
+    and `encoding` say how its lines become plain ones. `has_gaps`: cells of the first rows are empty.
+    """
 
     delimiter: str
     decimal_point: str
     names: tuple[str, ...]
     lines_before_data: int
     units: dict[str, str] = field(default_factory=dict)
+    texts: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    rewrite: tuple[Callable[[str], str], ...] = ()
+    encoding: str = "utf-8"
+    has_gaps: bool = False
 
 
-def csv_dialect(path: Path) -> Dialect:
-    """Tell separator, decimal sign and column names of a CSV file from its first lines.
+@dataclass
+class _Header:
+    """Names, the number of lines above the first row, and units."""
+
+    names: tuple[str, ...]
+    lines: int
+    units: dict[str, str] = field(default_factory=dict)
+
+
+def csv_dialect(start: bytes) -> Dialect:
+    """Tell separator, decimal sign and column names of a CSV file from its first bytes.
 
     Without a line of names columns are called column1, column2, ….
+
+    Parameters
+    ----------
+    start : bytes
+        The first `dialect_bytes` of the file.
 
     Raises
     ------
     RecordingError
         For a file that is no text, or holds nothing, or a name twice.
     """
-    with path.open("rb") as file:
-        start = file.read(_LOOKED_AT)
-    if b"\0" in start:
-        raise RecordingError(
-            "The file is neither Parquet nor text, nor of another format that is known.", title="Unreadable file"
-        )
-    lines = _text(start).splitlines()
-    header = next((number for number, line in enumerate(lines) if line.strip(" \t#%")), None)
-    if header is None:
+    text, encoding = _text(start)
+    original = text.splitlines()
+    if len(start) == _LOOKED_AT and len(original) > 1:
+        original.pop()  # it is cut off
+    closed = close_lists(original)
+    rewrite: list[Callable[[str], str]] = []
+    if has_lists(closed):
+        original = closed
+        rewrite.append(flatten_lists)
+    lines = flatten_lists("\n".join(original)).splitlines() if rewrite else original
+    if _is_aligned(lines):
+        rewrite.append(squeeze_spaces)
+        lines = squeeze_spaces("\n".join(lines)).splitlines()
+    first = next((number for number, line in enumerate(lines) if line.strip(" \t#%")), None)
+    if first is None:
         raise RecordingError("The file holds no line of column names.", title="Unreadable file")
+    delimiter, comma, header = _header(lines, first)
+    if flatten_lists in rewrite:
+        header.names = _names_of_lists(header, original, delimiter)
+    if "" in header.names and header.names.count("") > 1:
+        header.names = tuple(name or f"column{index + 1}" for index, name in enumerate(header.names))
+    repeated = {name for name, count in Counter(header.names).items() if name and count > 1}
+    if repeated:
+        raise RecordingError(f"Column {min(repeated)} stands more than once in the file.", pointer=min(repeated))
+    rows = [_fields(line, delimiter) for line in lines[header.lines : header.lines + _ROWS] if line.strip()]
+    rows = [row for row in rows if len(row) == len(header.names)]
+    return Dialect(
+        delimiter,
+        "," if comma else ".",
+        header.names,
+        header.lines,
+        header.units,
+        _texts(rows, header.names),
+        tuple(rewrite),
+        encoding,
+        has_gaps=any(not cell or cell.casefold() in _NO_NUMBERS for row in rows for cell in row),
+    )
+
+
+dialect_bytes = _LOOKED_AT
+"""So many bytes are looked at."""
+
+
+def _header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
+    """Give the separator, whether numbers have commas, and the names, of which `first` is the first line with text."""
+    header = first
     # Further comment lines may stand before the names; the names are the last of them.
     while header + 1 < len(lines) and lines[header + 1].lstrip().startswith(("#", "%")):
         header += 1
     if lines[header].lstrip().startswith(("#", "%")) and _is_comment(lines, header):
         header += 1
+    header = _below_titles(lines, header)
     text = lines[header].lstrip("#% ").rstrip("\r\n")
+    below = [line for line in lines[header : header + 20] if line.strip()]
     if _is_data(text):
-        delimiter, comma = _of_numbers([line for line in lines[header : header + 20] if line.strip()])
-        names = tuple(f"column{index + 1}" for index in range(len(_fields(text, delimiter))))
-        return Dialect(delimiter, "," if comma else ".", names, header)
+        delimiter, comma = _of_numbers(below)
+        fields = _fields(text, delimiter)
+        counts = _is_counted(fields) and len(below) > 1 and not _is_counted(_fields(below[1], delimiter))
+        return delimiter, comma, _Header(_numbered(len(fields)), header + counts)
     delimiter = _most(text)
-    names = tuple(name.strip().strip('"').strip() for name in text.split(delimiter))
-    repeated = {name for name, count in Counter(names).items() if name and count > 1}
-    if repeated:
-        raise RecordingError(f"Column {min(repeated)} stands more than once in the file.", pointer=min(repeated))
-    units = _units(lines, header + 1, delimiter, names)
-    first = header + 1 + bool(units)
-    data = [line for line in lines[first : first + 20] if line.strip()]
-    fields = [one for line in data for one in _fields(line, delimiter)]
+    if (names := _names_of_messages(below, delimiter)) is not None:
+        return delimiter, False, _Header(names, header)
+    names = tuple(_name(field) for field in _fields(text, delimiter))
+    rows = header + 1
+    if sum(map(bool, names)) - len({name for name in names if name}) > 1 and rows < len(lines):
+        # Names in two lines: of the signal, which is repeated, and of the joint.
+        second = _fields(lines[rows], delimiter)
+        if len(second) == len(names) and all(one.isdigit() or not _is_number(one) for one in second):
+            both = tuple("_".join(part for part in pair if part) for pair in zip(names, second, strict=True))
+            if len(set(both)) == len(both):
+                names, rows = both, rows + 1
+                if rows < len(lines) and _is_mostly_empty(_fields(lines[rows], delimiter)):
+                    rows += 1
+    units = _units(lines, rows, delimiter, names)
+    rows += bool(units)
+    fields = [one for line in lines[rows : rows + 20] if line.strip() for one in _fields(line, delimiter)]
     comma = delimiter != "," and any("," in one and _NUMBER.match(one) for one in fields)
-    return Dialect(delimiter, "," if comma else ".", names, first, units)
+    return delimiter, comma, _Header(names, rows, units)
 
 
-def _text(start: bytes) -> str:
+def _text(start: bytes) -> tuple[str, str]:
+    """Give the first bytes as text, and their encoding."""
+    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return start.decode("utf-16", errors="ignore"), "utf-16"
+    if b"\0" in start:
+        raise RecordingError(
+            "The file is neither Parquet nor text, nor of another format that is known.", title="Unreadable file"
+        )
     try:
-        return start.decode("utf-8-sig")
+        return start.decode("utf-8-sig"), "utf-8"
     except UnicodeDecodeError as error:
         # The last character may be cut off; else it is what Windows writes in western Europe.
         cut = error.start >= len(start) - 4
-        return start[: error.start].decode("utf-8-sig") if cut else start.decode("cp1252", errors="replace")
+        text = start[: error.start].decode("utf-8-sig") if cut else start.decode("cp1252", errors="replace")
+        return text, "utf-8"
 
 
 def _most(text: str) -> str:
@@ -85,7 +177,16 @@ def _most(text: str) -> str:
 
 
 def _fields(line: str, delimiter: str) -> list[str]:
-    return [one.strip().strip('"') for one in line.split(delimiter)]
+    if '"' in line:
+        return [one.strip().strip('"').strip() for one in next(csv.reader([line.strip()], delimiter=delimiter), [""])]
+    return [one.strip() for one in line.split(delimiter)]
+
+
+def _name(field: str) -> str:
+    """Give a column's name; one of several parts, ('q', 1), is written as q_1."""
+    if not _TUPLE.match(field) or "," not in field:
+        return field
+    return "_".join(part for one in field[1:-1].split(",") if (part := one.strip(" '\"")))
 
 
 def _is_data(text: str) -> bool:
@@ -96,6 +197,16 @@ def _is_data(text: str) -> bool:
     )
 
 
+def _is_counted(fields: Sequence[str]) -> bool:
+    """Whether the fields count the columns from 0, as pandas names those without names."""
+    numbers = list(fields[1:] if fields and not fields[0] else fields)
+    return len(numbers) > 1 and numbers == [str(number) for number in range(len(numbers))]
+
+
+def _numbered(count: int) -> tuple[str, ...]:
+    return tuple(f"column{index + 1}" for index in range(count))
+
+
 def _is_comment(lines: list[str], header: int) -> bool:
     """Whether the last line of comment is prose, and the names follow it: it has other fields than the next lines."""
     if header + 2 >= len(lines) or _is_data(lines[header + 1]):
@@ -103,6 +214,44 @@ def _is_comment(lines: list[str], header: int) -> bool:
     text = lines[header].lstrip("#% ")
     below = lines[header + 1]
     return len(_fields(text, _most(below))) != len(_fields(below, _most(below)))
+
+
+def _is_mostly_empty(fields: Sequence[str]) -> bool:
+    return sum(map(bool, fields)) < len(fields) / 2
+
+
+def _below_titles(lines: list[str], header: int) -> int:
+    """The line of names below titles, which have other numbers of fields than the rows, or are mostly empty."""
+    body = [line for line in lines[header:] if line.strip()][-20:]
+    if len(body) < 4:
+        return header
+    delimiter = next((sign for sign in ";\t|" if sign in body[-1]), _most(body[-1]))
+    width = Counter(len(_fields(line, delimiter)) for line in body).most_common(1)[0][0]
+
+    def is_whole(line: str) -> bool:
+        fields = _fields(line.lstrip("#% "), delimiter)
+        return len(fields) == width and not _is_mostly_empty(fields)
+
+    if width < 2 or is_whole(lines[header]):
+        return header
+    # Rows may have empty cells: names are a line without a number.
+    whole = (number for number in range(header + 1, len(lines)) if is_whole(lines[number]))
+    found = next(whole, None)
+    if found is None or any(_NUMBER.match(one) for one in _fields(lines[found], delimiter)):
+        return header
+    return found
+
+
+def _is_aligned(lines: list[str]) -> bool:
+    """Whether spaces alone stand between the columns, and more than one of them, or at the ends of the lines."""
+    rows = [line for line in lines if line.strip()][-20:]
+    spaced = [line for line in rows if not any(sign in line for sign in ",;|") and " " in line.strip()]
+    if not spaced or len(spaced) < len(rows):
+        # Commas may be those of numbers.
+        spaced = [line for line in rows if " " in line.strip() and all(map(_NUMBER.match, line.split()))]
+    tabs_alone = all("\t" in line and " " not in line.replace("\t", "") for line in spaced)
+    irregular = any("  " in line or line != line.strip() or "\t" in line for line in spaced)
+    return bool(spaced) and len(spaced) == len(rows) and irregular and not tabs_alone
 
 
 def _of_numbers(lines: list[str]) -> tuple[str, bool]:
@@ -116,6 +265,60 @@ def _of_numbers(lines: list[str]) -> tuple[str, bool]:
     return ",", False
 
 
+def _names_of_messages(lines: Sequence[str], delimiter: str) -> tuple[str, ...] | None:
+    """Name the columns of joint states without a line of names, as `ros2 topic echo --csv` writes them.
+
+    A row has the stamp's seconds and nanoseconds, the frame, the joints' names, and their positions, velocities and
+    efforts. None for other files.
+    """
+    rows = [_fields(line, delimiter) for line in lines[:2]]
+    if len(rows) < 2 or len(rows[0]) != len(rows[1]):
+        return None
+    words = [[None if _is_number(one) else one for one in row] for row in rows]
+    if words[0] != words[1] or sum(map(bool, words[0])) * 2 > len(words[0]):
+        return None
+    places = [place for place, one in enumerate(words[0]) if one]
+    if not places or places != list(range(places[0], places[-1] + 1)):
+        return None
+    # The frame stands before the joints' names: a word of its own, or an empty cell.
+    begin = places[0] if places[0] and words[0][places[0] - 1] == "" else places[0] + 1
+    n = places[-1] + 1 - begin
+    arrays = _FIELDS_OF_JOINTS.get((len(words[0]) - places[-1] - 1) // n) if n > 0 else None
+    joints = set(words[0][begin : places[-1] + 1])
+    if arrays is None or len(joints) < n or (len(words[0]) - places[-1] - 1) % n or begin < 2:
+        return None
+    before = [f"column{place + 1}" for place in range(begin - 1)]
+    if begin == 3:
+        before = ["sec", "nanosec"]
+    return (*before, "frame", *(f"{name}{joint + 1}" for name in ("name", *arrays) for joint in range(n)))
+
+
+def _is_number(text: str) -> bool:
+    return bool(_NUMBER.match(text)) or text.casefold() in _NO_NUMBERS
+
+
+def _names_of_lists(header: _Header, original: Sequence[str], delimiter: str) -> tuple[str, ...]:
+    """Names with one for every item where the rows have lists below single names."""
+    lengths = lengths_of_lists("\n".join(original[header.lines : header.lines + 1]), delimiter)
+    if len(lengths) != len(header.names) or sum(lengths) == len(lengths):
+        return header.names
+    return tuple(
+        name
+        for column, length in zip(header.names, lengths, strict=True)
+        for name in (counted_names(column, length) if length > 1 else (column,))
+    )
+
+
+def _texts(rows: Sequence[Sequence[str]], names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Give the first cells of columns most of whose cells are words."""
+    found = {}
+    for name, cells in zip(names, zip(*rows, strict=True), strict=False):
+        words = sum(1 for cell in cells if cell and not _is_number(cell))
+        if 2 * words > sum(map(bool, cells)):
+            found[name] = tuple(cells)
+    return found
+
+
 def _units(lines: list[str], number: int, delimiter: str, names: tuple[str, ...]) -> dict[str, str]:
     """The units below the names: a line of as many short words, and a line of numbers below it."""
     if number + 1 >= len(lines) or not _is_data(lines[number + 1]) or _is_data(lines[number]):
@@ -123,8 +326,6 @@ def _units(lines: list[str], number: int, delimiter: str, names: tuple[str, ...]
     fields = _fields(lines[number].lstrip("#% "), delimiter)
     if len(fields) != len(names) or not all(_UNIT.match(one) for one in fields):
         return {}
-    if any(one and _NUMBER.match(one) for one in fields) or any(
-        one.casefold() in ("nan", "null", "none") for one in fields
-    ):
+    if any(one and _is_number(one) for one in fields):
         return {}
     return {name: one.strip("[]() ") for name, one in zip(names, fields, strict=True) if one.strip("[]() -")}

@@ -5,14 +5,19 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
+from dynident.recordings.names import parts_of
+
 
 def digest_of(path: Path) -> str:
-    """The SHA-256 of a file, in hexadecimal digits.
+    """The SHA-256 of a file, in hexadecimal digits; of a recording in several files, that of their digests.
 
     Raises
     ------
     OSError
         For a file that cannot be read.
     """
-    with path.open("rb") as file:
+    parts = parts_of(path)
+    if len(parts) > 1:
+        return hashlib.sha256("".join(digest_of(part) for part in parts).encode()).hexdigest()
+    with parts[0].open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -22,12 +22,18 @@ with images or point clouds some tens of MB."""
 LARGEST_MESSAGE = 4 * 2**20
 """Bytes of a message with signals of joints: 10,000 columns with long names take 1.3 MB."""
 
+LARGEST_OBJECT = 2**24
+"""Characters of an object of JSON that holds all signals: as Python's numbers they take ten times as much memory."""
+
 LARGEST_DEFINITION = 2**18
 """Characters that define a type of messages with all its parts. Those of ros2_control take 10,000."""
 
 MOST_UNPACKED, MOST_TIMES = 2**28, 100
 """Bytes that any file may unpack to, and times its size that a larger one may: signals shrink to a tenth at the least,
 what shrinks to a thousandth was made to fill a memory or a disk."""
+
+MOST_TEXT = 2**25
+"""The same of text, which is parsed as it is unpacked and takes a hundred times as long: 300,000 rows of 12 numbers."""
 
 DEEPEST = 32
 """Groups, structures and types of messages inside each other; MATLAB's and ROS's own need fewer than ten."""
@@ -58,9 +64,9 @@ def check_chunk(size: int, where: str) -> None:
         )
 
 
-def check_unpacked(size: int, file_size: int) -> None:
-    """Refuse a file whose content is many times larger than the file."""
-    most = max(MOST_UNPACKED, MOST_TIMES * file_size)
+def check_unpacked(size: int, file_size: int, smallest: int = MOST_UNPACKED) -> None:
+    """Refuse a file whose content is many times larger than the file, and than `smallest`."""
+    most = max(smallest, MOST_TIMES * file_size)
     if size > most:
         raise RecordingError(
             f"What the file holds unpacks to more than {most / 2**20:.0f} MB, from {file_size / 2**20:.3g} MB: no "
@@ -80,12 +86,14 @@ class UnpackedSize:
     Parameters
     ----------
     file_size : int
+    smallest : int
+        Bytes to which any file may unpack.
     """
 
-    def __init__(self, file_size: int) -> None:
-        self._file_size, self._size = file_size, 0
+    def __init__(self, file_size: int, smallest: int = MOST_UNPACKED) -> None:
+        self._file_size, self._smallest, self._size = file_size, smallest, 0
 
     def add(self, size: int) -> None:
         """Count more bytes; raises `RecordingError` where a file of this size never unpacks to so many."""
         self._size += size
-        check_unpacked(self._size, self._file_size)
+        check_unpacked(self._size, self._file_size, self._smallest)

@@ -16,6 +16,7 @@ from dynident.recordings.checks import run_checks
 from dynident.recordings.columns import Column, Layout, find_columns, surplus_columns
 from dynident.recordings.conditioning import Conditioning
 from dynident.recordings.formats import open_source
+from dynident.recordings.missing_torque import torques_not_recorded, without_empty_torques
 from dynident.recordings.poses import POSES, pose_checks, read_poses, write_poses
 from dynident.recordings.raw import RawRows, RawSource
 from dynident.recordings.restarts import RestartingSource
@@ -75,8 +76,9 @@ def import_recording(
     """
     metadata = metadata or RecordingMetadata()
     joint_names = tuple(joints.names)
-    file = open_source(Path(source_path), metadata.format)
+    file = open_source(Path(source_path), metadata.format, metadata.rate)
     layout, torque_source = find_columns(file.names, joints, metadata)
+    layout = without_empty_torques(layout, file)
     source = RestartingSource(file)
     destination = Path(destination_path)
     with NamedTemporaryFile(dir=destination.parent, prefix=f".{destination.name}.", delete=False) as unfinished:
@@ -106,10 +108,16 @@ def import_recording(
                 path=temporary,
                 has_wrench=bool(layout.wrench),
                 has_command=bool(layout.q_command),
+                joints_without_torque=tuple(joint_names[joint] for joint in layout.without_torque),
             )
             sink.describe(recording)
         surplus = surplus_columns(file.names, joints.n, metadata)
-        found = [torque_source, *([] if surplus is None else [surplus])]
+        found = [
+            torque_source,
+            *(Check("layout", "ok", remark) for remark in file.remarks),
+            *([] if surplus is None else [surplus]),
+            *torques_not_recorded(layout, joint_names),
+        ]
         if poses is None:
             found += [*time_checks(base, layout.t.source), *source.checks(layout.t.source), *conditioning.checks()]
             checks = run_checks(recording, sample, layout, joints.known_limits, tuple(found), metadata, against)

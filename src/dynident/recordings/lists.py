@@ -47,7 +47,7 @@ def places_of(path: Path, lists: Mapping[str, int]) -> dict[str, tuple[str, ...]
     A data set of LeRobot says in `meta/info.json` what stands in the lists of its files.
     """
     stated = _stated(path)
-    return {name: stated.get((name, length)) or _counted(name, length) for name, length in lists.items()}
+    return {name: stated.get((name, length)) or counted_names(name, length) for name, length in lists.items()}
 
 
 def spread_names(schema: pa.Schema, lists: Mapping[str, tuple[str, ...]]) -> list[str]:
@@ -78,7 +78,8 @@ def spread(batch: pa.RecordBatch, columns: list[str], lists: Mapping[str, tuple[
     return pa.RecordBatch.from_arrays(values, names=columns)
 
 
-def _counted(name: str, length: int) -> tuple[str, ...]:
+def counted_names(name: str, length: int) -> tuple[str, ...]:
+    """Name the places of a list: q1, q2, …."""
     joint = "_" if name[-1:].isdigit() else ""
     return tuple(f"{name}{joint}{index + 1}" for index in range(length))
 

@@ -1,17 +1,61 @@
-"""What recordings are called after the files that they come from."""
+"""What recordings are called after the files that they come from, and which files these are."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+
+from dynident.errors import DynidentError
+
+JOINT = "+"
+"""Stands between the files of one recording: q.csv+dq.csv+tau.csv."""
 
 
 def unique_names(paths: Iterable[Path]) -> list[str]:
     """A name for every file: its stem, with a number behind it where two files share one."""
     names: list[str] = []
     for path in paths:
-        name, count = path.stem, 2
+        stem = parts_of(path)[0].stem
+        name, count = stem, 2
         while name in names:
-            name, count = f"{path.stem}_{count}", count + 1
+            name, count = f"{stem}_{count}", count + 1
         names.append(name)
     return names
+
+
+def parts_of(path: Path) -> list[Path]:
+    """Give the files that a path names: itself, or those of `folder/q.csv+tau.csv`, which lie beside the first.
+
+    Parameters
+    ----------
+    path : path
+        A file whose own name has a + in it is that file.
+
+    Returns
+    -------
+    list of path
+        They need not exist.
+    """
+    text = str(path)
+    if JOINT not in text or path.exists():
+        return [path]
+    first, *others = (Path(part) for part in text.split(JOINT))
+    return [first, *(other if other.exists() else first.parent / other for other in others)]
+
+
+def readable_path(path: str | Path | Sequence[str | Path]) -> Path:
+    """Give the path of a recording, in one file or in several.
+
+    Raises
+    ------
+    DynidentError
+        For what is no path, or a file that is not there.
+    """
+    several = [path] if isinstance(path, (str, Path)) else path
+    if not isinstance(several, (list, tuple)) or not all(isinstance(part, (str, Path)) for part in several):
+        raise DynidentError(f"{path!r} is no path; give the files one by one: read_recordings(*paths, robot=robot)")
+    found = Path(JOINT.join(map(str, several)))
+    for part in parts_of(found):
+        if not part.is_file():
+            raise DynidentError(f"there is no file {part}", pointer=str(part), title="No such file")
+    return found

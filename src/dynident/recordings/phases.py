@@ -75,6 +75,8 @@ class Phase(IntEnum):
     STANDING = 2
     PASSIVE_HALT = 3
     """It moves, but a joint with friction that follows it turns round or stands."""
+    NO_TORQUE = 4
+    """Its torque was not recorded: whatever it does, its own equation says nothing."""
 
 
 PhaseArray = NDArray[np.int8]

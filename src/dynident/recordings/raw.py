@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -41,6 +42,12 @@ class FileSource:
 
     sample_rows = 1 << 16
     """First rows that are enough of a sample to tell the columns, and are read in a moment."""
+    texts: Mapping[str, Sequence[str]] = MappingProxyType({})
+    """The first cells of columns that hold words, by their names."""
+    has_gaps = False
+    """Whether cells of the first rows are empty."""
+    remarks: tuple[str, ...] = ()
+    """What was done to read the file, where that is not plain."""
 
     def __init__(self, names: Sequence[str], units: Mapping[str, str] | None = None) -> None:
         check_columns(len(names))

@@ -119,6 +119,7 @@ def describe(recording: Recording) -> bytes:
         "has_temperature": recording.has_temperature,
         "has_wrench": recording.has_wrench,
         "has_command": recording.has_command,
+        "joints_without_torque": recording.joints_without_torque,
     }
     return json.dumps(content).encode()
 
@@ -161,4 +162,5 @@ def open_recording(path: Path | str) -> Recording:
         path=path,
         has_wrench=content.get("has_wrench", False),
         has_command=content.get("has_command", False),
+        joints_without_torque=tuple(content.get("joints_without_torque", ())),
     )

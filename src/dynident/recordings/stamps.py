@@ -33,7 +33,8 @@ class StampedSource(FileSource):
 
     def __init__(self, source: FileSource, pairs: dict[str, tuple[str, str]]) -> None:
         self._source, self._pairs = source, pairs
-        self.sample_rows = source.sample_rows
+        self.sample_rows, self.texts = source.sample_rows, source.texts
+        self.has_gaps, self.remarks = source.has_gaps, source.remarks
         super().__init__([*pairs, *source.names], {**source.units, **dict.fromkeys(pairs, "s")})
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:

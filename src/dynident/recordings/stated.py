@@ -11,7 +11,7 @@ from dynident.asking import Choice, OneOf, anew, check_ranges, said
 from dynident.errors import DynidentError
 
 Windows = tuple[tuple[float, float], ...]
-Format = Literal["csv", "parquet", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi"]
+Format = Literal["csv", "parquet", "jsonl", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi", "zip"]
 Role = Literal["identification", "validation", "friction", "payload"]
 ROLES = OneOf(
     Choice("identification", "identification"),
@@ -41,7 +41,7 @@ EFFORT_KINDS = OneOf(
     Choice("unknown", "not known"),
 )
 
-ConditioningStep = Literal["held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]
+ConditioningStep = Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]
 """What is put right in a recording unless it is said that it is right."""
 
 DELAY = "torque_delay"
@@ -63,7 +63,9 @@ class RecordingMetadata:
     """What the user says about a file.
 
     Kinds of signals are "q", "q_command", "dq", "ddq", "tau", "current", "temperature", "base_force", "base_moment"
-    and "t"; columns are ours ("q3", "q_elbow", "base_fx"). Units are SI where nothing is said, of temperatures degC.
+    and "t"; columns are ours ("q3", "q_elbow", "base_fx"). Units are SI where nothing is said, of temperatures degC;
+    "counts:4096" are counts of an encoder, 4096 a turn, "counts:4096@2048" with zero at 2048. A torque that was not
+    recorded is the column "none".
     Columns and units are told before `permutation` ({"tau": (2, 1, 3)}), `signs` and `scale`, in which "q2" or
     "q_<joint>" means one joint and "q" all of them. `windows` and `exclude` are pairs (from, to) in s; `torque_delay`:
     the torque is read so much later than the positions of its row. `payload` is kept as it came. What checks in
@@ -90,7 +92,8 @@ class RecordingMetadata:
     torque_delay: float = said("Seconds by which the file's torque is late", default=0.0, at_least=-1, at_most=1)
     accept: tuple[str, ...] = said("Names of checks whose errors are to count as warnings", default=())
     skip: tuple[ConditioningStep, ...] = said(
-        "Steps of conditioning that are not taken: what looks held, switched off, corrupted or wrapped is right",
+        "Steps of conditioning that are not taken: what looks like a register, held, switched off, corrupted or "
+        "wrapped is right",
         default=(),
     )
     permutation: Mapping[Axis, tuple[int, ...]] = said(
@@ -109,6 +112,13 @@ class RecordingMetadata:
         "What the torque or current columns hold; those that are no measurement are refused",
         default=None,
         kinds=EFFORT_KINDS,
+    )
+    rate: float | None = said(
+        "Rows a second, evenly spaced, of a file without time; it replaces a column t",
+        default=None,
+        unit="Hz",
+        at_least=1e-3,
+        at_most=1e6,
     )
 
     def __post_init__(self) -> None:
@@ -130,6 +140,10 @@ class RecordingMetadata:
             check_ranges(self)
         except DynidentError as error:
             raise _unusable(error.detail, error.pointer) from None
+        if self.rate is not None and self.columns.get("t", "t") != "t":
+            raise _unusable(
+                f"Both a rate and a column of time, {self.columns['t']!r}, are stated: leave one of them out.", "/rate"
+            )
         for name, pairs in (("windows", self.windows), ("exclude", self.exclude)):
             for index, (start, end) in enumerate(pairs):
                 if not (isfinite(start) and isfinite(end) and start < end):
@@ -186,6 +200,7 @@ class Revision:
     role: Role | None = anew(RecordingMetadata, "role", default=None)
     skip: tuple[ConditioningStep, ...] | None = anew(RecordingMetadata, "skip", default=None)
     name: str | None = anew(RecordingMetadata, "name", default=None)
+    rate: float | None = anew(RecordingMetadata, "rate", default=None)
 
     def of(self, metadata: RecordingMetadata) -> RecordingMetadata:
         """What is then said of the file.
@@ -227,6 +242,7 @@ class RevisionFields(TypedDict, total=False):
     role: Role | None
     skip: tuple[ConditioningStep, ...] | None
     name: str | None
+    rate: float | None
 
 
 def _written(value: object) -> str:

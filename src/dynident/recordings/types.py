@@ -189,7 +189,11 @@ class SampleSource(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A checked recording in SI units and the robot's joint order, uniformly sampled within each segment."""
+    """A checked recording in SI units and the robot's joint order, uniformly sampled within each segment.
+
+    The torque of `joints_without_torque`, by their names, was not recorded and is stored as zero: their motion counts,
+    their own equation does not.
+    """
 
     name: str
     joint_names: tuple[str, ...]
@@ -203,6 +207,7 @@ class Recording:
     path: Path | None = None
     has_wrench: bool = False
     has_command: bool = False
+    joints_without_torque: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         # The name of its file may be no UTF-8, and Arrow and matplotlib take no text that has no encoding.
@@ -220,6 +225,11 @@ class Recording:
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def has_torque(self) -> BoolArray:
+        """Tell which joints (n,) have a recorded torque."""
+        return np.array([name not in self.joints_without_torque for name in self.joint_names])
 
     @property
     def n_samples(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from math import pi
 
@@ -44,6 +45,10 @@ JOINT_KINDS = ("q", "q_command", "dq", "ddq", "tau", "current", "temperature")
 STORED_KINDS = tuple(kind for kind in JOINT_KINDS if kind != "current")
 """Those that a checked recording can hold: currents have become torques."""
 
+_COUNTS = re.compile(r"counts:(\d+(?:\.\d*)?(?:e\d+)?)(?:@(-?\d+(?:\.\d*)?))?", re.IGNORECASE)
+COUNTS = "counts:N (N counts a turn, or a metre; counts:N@Z where Z counts are zero)"
+"""Positions as an encoder counts them, and how that is written."""
+
 KINDS = ("t", *JOINT_KINDS, "base_force", "base_moment")
 
 
@@ -74,13 +79,17 @@ def conversion(kind: str, joint: JointKind | None, unit: str | None, where: str)
     known = FACTORS[kind, joint]
     if unit is None:
         return 1.0, 0.0
+    if kind in ("q", "q_command") and (counted := _COUNTS.fullmatch(unit.replace(" ", ""))) and float(counted[1]) > 0:
+        factor = (2.0 * pi if joint == "revolute" else 1.0) / float(counted[1])
+        return factor, -factor * float(counted[2] or 0.0)
     wanted = _plain(unit)
     for name, factor in known.items():
         if _plain(name) == wanted:
             return factor, OFFSETS.get(name, 0.0)
     of = "" if joint is None else f" of a {joint} joint"
+    counts = [COUNTS] if kind in ("q", "q_command") else []
     raise RecordingError(
-        f"Unit {unit!r} is not known for {kind}{of}; known are {', '.join(known)}.",
+        f"Unit {unit!r} is not known for {kind}{of}; known are {', '.join([*known, *counts])}.",
         pointer=f"/units/{where}",
         title="Unknown unit",
     )

@@ -199,6 +199,9 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0, *
     )
     dense = np.zeros((n_states, observation.n_rows, observation.n_columns))
     dense[:, observation.entry_rows, observation.entry_columns] = entries
+    if observation.n_rows == n:
+        # What only the equation of a joint without torque would show is no base parameter.
+        dense[:, ~robot.has_torque] = 0.0
     return dense.reshape(n_states * observation.n_rows, observation.n_columns)
 
 

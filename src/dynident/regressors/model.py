@@ -82,8 +82,19 @@ class Model:
     @property
     def absorbed(self) -> tuple[Column, ...]:
         """Columns of effects other than the links' and rotors' inertia that dissolve in the base parameters."""
-        kept = set(self.base.kept)
-        return tuple(c for k, c in enumerate(self.columns) if k not in kept and not effect_by_id(c.effect).is_inertia)
+        return self._left_out(hidden=False)
+
+    @property
+    def hidden(self) -> tuple[Column, ...]:
+        """Columns of effects, rotors among them, that only the equations of joints without torque would show."""
+        return self._left_out(hidden=True)
+
+    def _left_out(self, *, hidden: bool) -> tuple[Column, ...]:
+        kept, silent = set(self.base.kept), self.robot.joints_without_torque
+        columns = [column for k, column in enumerate(self.columns) if k not in kept]
+        if hidden:
+            return tuple(c for c in columns if c.link in silent and role_of(c) != "link")
+        return tuple(c for c in columns if c.link not in silent and not effect_by_id(c.effect).is_inertia)
 
     def standard_inertia(self, values: FloatArray) -> FloatArray:
         """Standard inertial parameters (10 N,) of all links with these base parameters (b,), near the description's.

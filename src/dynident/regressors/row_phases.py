@@ -45,7 +45,8 @@ class RowPhases:
     `starting` (n,): joints with friction that shows where they start and stop; `jumping` (n,): joints that move rubbed
     ones, and whose own friction does nothing but jump where they turn round; `margin`: seconds by which a halt is
     longer in filtered positions, to either side. `passive`: phases of the joints that follow others, in the order of
-    `Linkage.passive`; `felt` (n, p): which of these are rubbed, and moved by which joint.
+    `Linkage.passive`; `felt` (n, p): which of these are rubbed, and moved by which joint. `no_torque` (n,): joints
+    whose equation is left out, since their torque was not recorded here, or in no recording that the model is of.
     """
 
     phases: Phases
@@ -56,6 +57,7 @@ class RowPhases:
     free: BoolArray
     starting: BoolArray
     jumping: BoolArray
+    no_torque: BoolArray
     passive: Phases | None = None
     felt: BoolArray | None = None
 
@@ -79,7 +81,10 @@ class RowPhases:
         felt = _passive_friction(observation, first)
         passive = _passive_phases(recording, observation.robot.linkage) if felt.any() else None
         jumping = frictional & felt.any(axis=1) & ~remembering & ~(starting & phases.free)
-        return cls(phases, width, margin, frictional, remembering, phases.free, starting, jumping, passive, felt)
+        no_torque = ~recording.has_torque | ~observation.robot.has_torque
+        return cls(
+            phases, width, margin, frictional, remembering, phases.free, starting, jumping, no_torque, passive, felt
+        )
 
     def about(self, frictional: BoolArray) -> RowPhases:
         """The same where these joints (n,) have friction, and each may have any kind of it."""
@@ -145,6 +150,7 @@ class RowPhases:
         found = self.phases.at(segment, t, self.width, after)
         found[:, ~self.frictional] = Phase.MOVING
         found[self._followers_halt(segment, t, self.width, after) & (found != Phase.STANDING)] = Phase.PASSIVE_HALT
+        found[:, self.no_torque] = Phase.NO_TORQUE
         return found
 
     def used(self, segment: int, t: FloatArray, after: float = 0.0) -> BoolArray:

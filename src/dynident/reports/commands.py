@@ -16,6 +16,8 @@ from dynident.identification import Identification, IdentificationChoices
 from dynident.kinds import Kind
 from dynident.recordings import Preprocessing, Recording, RecordingMetadata
 from dynident.recordings.stated import Windows
+from dynident.robot import Robot
+from dynident.robot.settings import GRAVITY
 
 ROBOT = "ROBOT"
 """Stands for the robot's description in the commands."""
@@ -32,7 +34,7 @@ def metadata_files(said: Said) -> dict[str, str]:
     return {_metadata_file(name): json.dumps(one) for name, one in told.items() if one}
 
 
-_TOLD = ("columns", "units", "permutation", "signs", "scale", "torque_delay", "effort_kind")
+_TOLD = ("columns", "units", "permutation", "signs", "scale", "torque_delay", "effort_kind", "skip")
 """What a file cannot be read without, where it was said. Accepted checks and windows, from which what was excluded is
 gone, have options of their own."""
 
@@ -77,10 +79,23 @@ def commands(
             texts = ",".join(effect_text(choice, _DIGITS) for choice in step.removed)
             words = ["remove", before, "--effects", texts, *out]
         else:
-            words = ["identify", ROBOT, *files, *_options(rung.choices), *_filters(rung.preprocessing), *out]
+            chosen = [*_of_robot(rung.model.robot), *_options(rung.choices), *_filters(rung.preprocessing)]
+            words = ["identify", ROBOT, *files, *chosen, *out]
         told = step.added or step.removed or rung.choices.effects
         found.append(shlex.join(["dynident", *words]) + _in_some_runs(told))
     return tuple(found)
+
+
+def _of_robot(robot: Robot) -> Iterator[str]:
+    """What the description may not say of a robot: gravity, locked joints, drive gains."""
+    if tuple(robot.gravity) != GRAVITY:
+        yield from ("--gravity", ",".join(format(value, _DIGITS) for value in robot.gravity))
+    if robot.locked_joints:
+        yield from ("--lock", ",".join(f"{name}={at:{_DIGITS}}" for name, at in robot.locked_joints.items()))
+    gains = {name: drive.gain for name, drive in zip(robot.joint_names, robot.drives, strict=True)}
+    stated = [f"{name}={gain:{_DIGITS}}" for name, gain in gains.items() if gain is not None]
+    if stated:
+        yield from ("--drive-gains", ",".join(stated))
 
 
 def _windows(names: Sequence[str], windows: Mapping[str, Windows]) -> Iterator[str]:
@@ -107,8 +122,13 @@ def _options(choices: IdentificationChoices) -> Iterator[str]:
     yield from ("--effects", ",".join(effect_text(choice, _DIGITS) for choice in choices.effects))
     for one in fields(choices):
         said, value = said_of(one), getattr(choices, one.name)
-        if said.option != "-" and value != default_of(one):
-            yield from (said.option or f"--{one.name.replace('_', '-')}", _text(value))
+        if said.option == "-" or value == default_of(one):
+            continue
+        option = said.option or f"--{one.name.replace('_', '-')}"
+        if isinstance(value, bool):
+            yield option if value else option.replace("--", "--no-", 1)
+        else:
+            yield from (option, _text(value))
 
 
 def _text(value: object) -> str:

@@ -92,7 +92,7 @@ def sections_of(
     """The sections in their order; diagnosis, validations and design only where there are any."""
     learnt = [run.recording for run in runs if not run.held_out]
     return [
-        summary_section(identification, runs, diagnosis),
+        summary_section(identification, runs, diagnosis, validations),
         ladder_section(identification, diagnosis),
         errors_section(identification, runs, diagnosis),
         residuals_section(runs),

@@ -10,8 +10,9 @@ from dynident.validation import Judged
 
 @dataclass(frozen=True)
 class ReportedValidation:
-    """One validation: what was tried, how it ended and why, and the figures behind it."""
+    """One validation: what was tried, how it ended and why, the figures behind it, and its kind where that is known."""
 
     title: str
     judged: Judged
     tables: tuple[ReportedTable, ...] = ()
+    kind: str = ""

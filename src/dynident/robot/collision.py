@@ -12,8 +12,10 @@ from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.json_fields import parse_json
 from dynident.robot.kinematics import joint_motion
+from dynident.robot.mesh_files import mesh_file
 from dynident.robot.model import Joint, JointKind, Robot
 from dynident.robot.modified_dh import TITLE, table_capsules
+from dynident.robot.packages import package_folders
 from dynident.robot.pointers import listed
 from dynident.robot.shapes import Capsule, Shape
 from dynident.robot.surfaces import Surface
@@ -25,6 +27,8 @@ BASE = -1
 """The joint of what does not move."""
 UNCHECKED = "COLLISION IS NOT CHECKED"
 """How a note begins that says so of a link whose shape could not be read."""
+_SHOWN = 3
+"""Meshes that could not be read: the first ones tell why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +108,16 @@ def collision_meshes(robot: Robot) -> dict[str, tuple[str, ...]]:
     return mesh_names(parse(robot.description.content)) if robot.description.format == "urdf" else {}
 
 
+def mesh_folders_above(robot: Robot, file: Path) -> tuple[Path, ...]:
+    """Find the folders above a description's file, or of the ROS environment, that hold any of its collision meshes."""
+    folders = package_folders(file)
+    return tuple(
+        dict.fromkeys(
+            folder for uri in collision_meshes(robot) for folder in folders if mesh_file(uri, [folder]) is not None
+        )
+    )
+
+
 def _described(robot: Robot, mesh_folders: Sequence[Path], unread: list[str]) -> Iterator[tuple[str, int, LinkParts]]:
     """The links of a description, the joints that carry them and their shapes; of an MJCF none is read."""
     if robot.description.format == "urdf":
@@ -133,7 +147,8 @@ def _of_urdf(robot: Robot, mesh_folders: Sequence[Path], unread: list[str]) -> I
 def _unchecked_note(unread: Sequence[str], mesh_folders: Sequence[Path]) -> str:
     """Which meshes do not count, and what would let them count."""
     cure = "" if mesh_folders else " Name the folders of the meshes (mesh_folders, --meshes FOLDER)."
-    return f"{UNCHECKED} for these meshes, which could not be read: {'; '.join(unread)}.{cure}"
+    rest = f"; and {len(unread) - _SHOWN} more" if len(unread) > _SHOWN else ""
+    return f"{UNCHECKED} for {len(unread)} meshes that could not be read: {'; '.join(unread[:_SHOWN])}{rest}.{cure}"
 
 
 def _places(robot: Robot, root: Element) -> dict[str, tuple[int, FloatArray]]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TypedDict
+from dataclasses import replace
+from typing import NotRequired, TypedDict
 
 from dynident.descriptions import DescriptionFormat
 from dynident.robot.description import robot_from_description
@@ -48,11 +49,12 @@ class RobotDocument(TypedDict):
     drives: Mapping[str, DriveDocument]
     locked_joints: Mapping[str, float]
     gravity: Sequence[float]
+    joints_without_torque: NotRequired[Sequence[str]]
 
 
 def robot_document(robot: Robot) -> RobotDocument:
     """JSON values from which `robot_from_document` makes the same robot."""
-    return {
+    document: RobotDocument = {
         "name": robot.name,
         "description": {"format": robot.description.format, "content": robot.description.content},
         "limits": {joint.name: _limits_document(joint.limits) for joint in robot.tree.joints},
@@ -64,11 +66,14 @@ def robot_document(robot: Robot) -> RobotDocument:
         "locked_joints": dict(robot.locked_joints),
         "gravity": [float(value) for value in robot.gravity],
     }
+    if robot.joints_without_torque:
+        document["joints_without_torque"] = list(robot.joints_without_torque)
+    return document
 
 
 def robot_from_document(document: RobotDocument) -> Robot:
     """The robot of a document that `robot_document` made."""
-    return robot_from_description(
+    robot = robot_from_description(
         document["name"],
         Description(**document["description"]),
         limits={name: _limits(fields) for name, fields in document["limits"].items()},
@@ -76,6 +81,7 @@ def robot_from_document(document: RobotDocument) -> Robot:
         locked_joints=document["locked_joints"],
         gravity=document["gravity"],
     )
+    return replace(robot, joints_without_torque=tuple(document.get("joints_without_torque", ())))
 
 
 def _limits_document(limits: Limits) -> LimitsDocument:

@@ -67,13 +67,13 @@ def robot_from_mjcf(
         MuJoCo is not installed or does not take the text (line), the machine is not a tree of such joints on a fixed
         base, an equality is not linear, or its loops do not close or do not determine the passive joints.
     """
-    root = parse_mjcf(text, pointer)
+    root, clamped = parse_mjcf(text, pointer, locked_joints or {})
     compiled = _compiled(root, pointer)
     stated = settings_from(limits, drives, locked_joints, compiled.opt.gravity if gravity is None else gravity)
     lines = {child.attributes["name"]: child.line for part in root.all("equality") for child in part.children}
     model, links = _tree(compiled, name, pointer)
     held = held_by(compiled, lines, pointer)
-    fixed = {**held.fixed, **stated.locked_joints}
+    fixed = {**held.fixed, **{joint: at for joint, at in stated.locked_joints.items() if joint not in clamped}}
     settings = replace(stated, locked_joints=followers_locked(held.ties, fixed))
     tree = from_pinocchio(
         model,

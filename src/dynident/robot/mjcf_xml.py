@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from dynident.errors import DynidentError
@@ -50,10 +50,12 @@ def mjcf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
     return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=TITLE)
 
 
-def parse_mjcf(text: str, pointer: str = "") -> Element:
+def parse_mjcf(text: str, pointer: str, locked: Mapping[str, float]) -> tuple[Element, frozenset[str]]:
     """Return the root element `<mujoco>` reduced to bodies, joints, inertias, equalities, tendons and actuators.
 
     Bodies, joints and equalities without a name are given one. Geometry stays where the mass of a body comes from it.
+    Free and ball joints that are `locked` at 0 are left out, since the body is held there as in a stand; returns their
+    names, too.
 
     Raises
     ------
@@ -92,10 +94,15 @@ def parse_mjcf(text: str, pointer: str = "") -> Element:
         raise fail("The model has no <body>.", root.line)
     _name_all(reduced)
     from_shapes = any(one.attributes.get("inertiafromgeom") == "true" for one in reduced.all("compiler"))
+    clamped: frozenset[str] = frozenset()
     for world in reduced.all("worldbody"):
+        clamped |= _hold_clamped(world, locked, fail)
         _check_bodies(world, False, from_shapes, fail)
     _check_meshes(reduced, fail)
-    return reduced
+    if clamped:
+        # The poses of key frames have numbers for the joints that are left out.
+        reduced.children[:] = [child for child in reduced.children if child.tag != "keyframe"]
+    return reduced, clamped
 
 
 def _all(element: Element) -> Iterator[Element]:
@@ -136,7 +143,7 @@ def _name_all(root: Element) -> None:
                 walk(child, name(child, "body"))
             elif child.tag == "frame":
                 walk(child, body)
-            elif child.tag == "joint":
+            elif child.tag in ("joint", "freejoint"):
                 name(child, f"{body}_joint")
 
     for world in root.all("worldbody"):
@@ -146,14 +153,37 @@ def _name_all(root: Element) -> None:
             name(child, f"loop{number + 1}")
 
 
+def _is_of_more_freedoms(joint: Element) -> bool:
+    return joint.tag == "freejoint" or (joint.tag == "joint" and joint.attributes.get("type") in ("free", "ball"))
+
+
+def _hold_clamped(element: Element, locked: Mapping[str, float], fail: _Fail) -> frozenset[str]:
+    """Leave out free and ball joints that are locked at 0; returns their names."""
+    clamped = [one for one in element.children if _is_of_more_freedoms(one) and one.attributes["name"] in locked]
+    for joint in clamped:
+        name = joint.attributes["name"]
+        if locked[name] != 0.0:
+            detail = f"Joint '{name}' is locked at {locked[name]:g}; a free or ball joint can be locked at 0 alone."
+            raise fail(detail, joint.line)
+        element.children.remove(joint)
+    inner = [_hold_clamped(child, locked, fail) for child in element.children if child.tag in ("body", "frame")]
+    return frozenset(joint.attributes["name"] for joint in clamped).union(*inner)
+
+
 def _check_bodies(element: Element, moves: bool, from_shapes: bool, fail: _Fail) -> None:
     """Refuse what does not hang on a fixed base by hinges and slides; drop geometry that no mass comes from."""
     for child in element.children:
         owner = f"Body '{element.attributes.get('name', '')}'"
-        if child.tag == "freejoint" or (child.tag == "joint" and child.attributes.get("type") == "free"):
-            raise fail(f"{owner} floats freely; only a fixed base is supported. Remove its free joint.", child.line)
-        if child.tag == "joint" and child.attributes.get("type") == "ball":
-            detail = f"{owner} hangs on a ball joint; replace it by two or three hinges with axes of their own."
+        if _is_of_more_freedoms(child):
+            name = child.attributes["name"]
+            if child.attributes.get("type") == "ball":
+                what, else_ = "hangs on a ball joint", ", or replace it by hinges with axes of their own"
+            else:
+                what, else_ = "floats freely, and the base of a robot is fixed here", ""
+            detail = (
+                f"{owner} {what}. If it was clamped while the robot was recorded, lock the joint: --lock {name}, or "
+                f'"locked_joints": {{"{name}": 0}}{else_}.'
+            )
             raise fail(detail, child.line)
         if child.tag == "body":
             turns = moves or any(one.tag in ("joint", "freejoint") for one in _of_body(child))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.arrays import BoolArray, FloatArray
 from dynident.descriptions import DescriptionFormat
 from dynident.encoding import encodable
 from dynident.html import block, paragraph, table
@@ -84,6 +84,9 @@ class Robot:
 
     Where some joints follow others, `joints` are the driven ones alone: those that data, drives and limits are about.
     `linkage` then has the tree that carries the links, and `inertias` (N, 10) are of all of its links.
+
+    The torque of `joints_without_torque`, by their names, is in no data that a model of the robot is identified from:
+    what only their own equations would show is not identifiable.
     """
 
     name: str
@@ -94,6 +97,7 @@ class Robot:
     inertias: FloatArray | None = None
     locked_joints: Mapping[str, float] = field(default_factory=dict)
     linkage: Linkage | None = None
+    joints_without_torque: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", encodable(self.name))
@@ -126,6 +130,11 @@ class Robot:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the moving joints in the robot's order."""
         return tuple(joint.name for joint in self.joints)
+
+    @property
+    def has_torque(self) -> BoolArray:
+        """Tell which joints (n,) have a torque in the data that models of the robot are identified from."""
+        return np.array([name not in self.joints_without_torque for name in self.joint_names], dtype=bool)
 
     @property
     def tree(self) -> Robot:

@@ -13,7 +13,7 @@ from dynident.robot.pinocchio_model import DescribedJoints, from_pinocchio
 from dynident.robot.rounding import ROUNDING_TOLERANCE
 from dynident.robot.settings import settings_from
 from dynident.robot.stated import Drive, Limits
-from dynident.robot.urdf_xml import TITLE, checked, mimics, parse, urdf_error
+from dynident.robot.urdf_xml import TITLE, checked, clamped_joints, mimics, parse, urdf_error
 from dynident.robot.xml_text import Element, write
 
 
@@ -31,9 +31,10 @@ def robot_from_urdf(
     """Return the robot that a URDF describes, on a fixed base.
 
     Revolute, continuous and prismatic joints about any axis move; fixed and locked joints are merged with their
-    inertias into the link before them. Mimic joints follow: their links are there, but data, drives and limits are of
-    the joints that they follow (`Robot.linkage`). Joints stand in Pinocchio's order. Inertial parameters are about the
-    origin of the joint's frame. Meshes, colours and vendor extensions are not looked at.
+    inertias into the link before them. Joints of more than one degree of freedom may be locked at their origin: a
+    floating base that is clamped in a stand. Mimic joints follow: their links are there, but data, drives and limits
+    are of the joints that they follow (`Robot.linkage`). Joints stand in Pinocchio's order. Inertial parameters are
+    about the origin of the joint's frame. Meshes, colours and vendor extensions are not looked at.
 
     Parameters
     ----------
@@ -57,9 +58,11 @@ def robot_from_urdf(
     """
     settings = settings_from(limits, drives, locked_joints, gravity)
     root = parse(text, pointer)
-    tree, ties = checked(root, pointer), mimics(root, pointer)
     stated = settings.locked_joints
-    settings = replace(settings, locked_joints=followers_locked(ties, stated))
+    clamped = clamped_joints(root, stated, pointer)
+    tree, ties = checked(root, pointer, clamped), mimics(root, pointer)
+    locked = {name: position for name, position in stated.items() if name not in clamped}
+    settings = replace(settings, locked_joints=followers_locked(ties, locked))
     try:
         model = pin.buildModelFromXML(write(tree))
     except (ValueError, RuntimeError) as error:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import replace
 
 from dynident.errors import DynidentError
 from dynident.robot.linkage import Tie
@@ -16,7 +17,7 @@ MOST_LINKS = 2000
 """Links, fixed ones included: Pinocchio walks the tree by recursion, and a stack has an end."""
 _SHORTEST_AXIS = 1e-6
 """Of an axis, and the inverse of the longest: beyond, the direction is lost in rounding."""
-_ABSENT = {"floating", "planar", "ball", "spherical"}
+_OF_MORE_FREEDOMS = ("floating", "planar", "ball", "spherical")
 
 
 def urdf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
@@ -44,8 +45,29 @@ def parse(text: str, pointer: str = "") -> Element:
     return root
 
 
-def checked(root: Element, pointer: str = "") -> Element:
+def clamped_joints(root: Element, locked: Mapping[str, float], pointer: str = "") -> frozenset[str]:
+    """Find the joints of more than one degree of freedom that are locked, such as the base of a robot in a stand.
+
+    Raises
+    ------
+    DynidentError
+        One is locked elsewhere than at its origin: one number does not say where.
+    """
+    clamped = set()
+    for joint in root.all("joint"):
+        name, kind = joint.attributes.get("name", ""), joint.attributes.get("type", "")
+        if kind in _OF_MORE_FREEDOMS and name in locked:
+            if locked[name] != 0.0:
+                detail = f"Joint '{name}' is {kind} and locked at {locked[name]:g}; only its origin (0) can be."
+                raise urdf_error(detail, joint.line, pointer)
+            clamped.add(name)
+    return frozenset(clamped)
+
+
+def checked(root: Element, pointer: str = "", clamped: Collection[str] = ()) -> Element:
     """Return the `<robot>` reduced to links, inertias, joints and limits, all of them checked.
+
+    The `clamped` joints become fixed ones.
 
     Dropping looks and vendor extensions also keeps the URDF parser below from complaining on the console. A joint
     without `<limit>` gets one of zeros, and zeros also stand for infinite limits: both say nothing. What mimic
@@ -56,7 +78,10 @@ def checked(root: Element, pointer: str = "") -> Element:
         return urdf_error(detail, line, pointer)
 
     links = dict(_named(root, "link", fail))
-    joints = dict(_named(root, "joint", fail))
+    joints = {
+        name: replace(joint, attributes={**joint.attributes, "type": "fixed"}) if name in clamped else joint
+        for name, joint in _named(root, "joint", fail)
+    }
     if not links:
         raise fail("The robot has no <link>.", root.line)
     if len(links) > MOST_LINKS:
@@ -116,10 +141,11 @@ def _check_kind(name: str, joint: Element, fail: _Fail) -> None:
     kind = joint.attributes.get("type", "")
     if kind == "fixed":
         return
-    if kind in _ABSENT:
+    if kind in _OF_MORE_FREEDOMS:
         raise fail(
-            f"Joint '{name}' is {kind}; only a fixed base with revolute, continuous, prismatic and fixed joints is "
-            "supported. Replace it by such joints.",
+            f"Joint '{name}' is {kind}; joints that move are revolute, continuous or prismatic, and the base is fixed. "
+            f'If it was clamped while the robot was recorded, lock it: --lock {name}, or "locked_joints": '
+            f'{{"{name}": 0}}.',
             joint.line,
         )
     if kind not in MOVING:

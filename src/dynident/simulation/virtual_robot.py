@@ -134,6 +134,49 @@ class VirtualRobot:
             tracking_error=np.abs(truth.q - path.at(t)[0]).max(axis=0),
         )
 
+    def move_freely(
+        self, start: Reference, tau: FloatArray, h: float, *, memory: FloatArray | None = None, run: str = ""
+    ) -> FloatArray:
+        """Integrate the equation of motion under given torques, without a controller.
+
+        Parameters
+        ----------
+        start : Reference
+            Time, position, velocity and acceleration to begin with are those of its first sample; the temperature of
+            the joints stays what it is there.
+        tau : (m, n)
+            Torque of the drives at every step, the first one at the start.
+        h : float
+            Length of a step in s.
+        memory : (k,), optional
+            States of the hysteresis at the start, in the order of the model's signals; relaxed where left out.
+        run : str
+            Label of the run, for effects that are in some runs alone.
+
+        Returns
+        -------
+        (m, n) array of positions
+        """
+        n, steps = self.robot.n, len(tau)
+        state = first_state(self.dynamics, start.q[0], start.dq[0], start.ddq[0], h)
+        if memory is not None:
+            state[4 * n : 4 * n + len(memory)] = memory
+        t = start.t[0] + h * np.arange(steps)
+        heat = np.zeros(n) if start.temperature is None else start.temperature[0]
+        nothing = np.zeros((steps, 2 * n))
+        warm, runs = np.broadcast_to(heat, (steps, n)), np.broadcast_to(self._present(run), (steps, self._n_runs))
+        inputs = np.hstack([nothing, tau, t[:, None], warm, runs])
+        _, samples = self._step.run(state, inputs, h, np.zeros(n), np.zeros(n))
+        return np.asarray(samples[:, :n])
+
+    @property
+    def _n_runs(self) -> int:
+        return len(self.dynamics.runs)
+
+    def _present(self, run: str) -> FloatArray:
+        """(runs,): 1 for every run signal that the run with that label has."""
+        return np.array([float(not one.runs or run in one.runs) for one in self.dynamics.runs])
+
     @cached_property
     def _step(self) -> Step:
         return build_step(self.dynamics)
@@ -148,7 +191,7 @@ class VirtualRobot:
         feed_forward = feed_forward_torque(self.controller, self.dynamics, path, coarse)
         q, dq, ddq = (values[0] for values in path.at(np.array([start])))
         state = first_state(self.dynamics, q, dq, ddq, h)
-        present = np.array([float(not one.runs or run_label in one.runs) for one in self.dynamics.runs])
+        present = self._present(run_label)
         out = np.empty((len(taken), 4 * self.robot.n))
         done = 0
         for first in range(0, n_steps, _CHUNK):

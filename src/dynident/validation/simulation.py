@@ -7,16 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import fftconvolve
 
-from dynident.arrays import FloatArray
+from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Estimate, Identification
 from dynident.identification.estimators.recorded_motion import RecordedMotion, longest_stretch
 from dynident.identification.estimators.simulator import simulator_of
-from dynident.identification.thresholds import LARGEST_ERROR
+from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording, low_pass
+from dynident.recordings.phases import SLOW
 from dynident.simulation.truth import may_be_negative
 from dynident.threads import single_threaded
 from dynident.validation.on_recordings import check_limit
@@ -33,7 +34,8 @@ _OFF = 0.02
 class SimulationValidation:
     """A simulated robot that followed the recorded motion.
 
-    `torque`: errors of the simulated torque against the measured one, both behind the same low-pass; `position` (n,)
+    `torque`: errors of the simulated torque against the measured one while each joint moves, both behind the same
+    low-pass; `position` (n,)
     root mean square distance of the simulated from the recorded positions, rad or m, and `position_share` (n,) the same
     over the range that the joint moved through; `duration` in s. None where nothing could be simulated.
     """
@@ -88,7 +90,8 @@ def validate_simulation(
         judged = Judged("fail", f"No robot with the identified parameters makes this motion: {error.detail}.")
         return SimulationValidation(recording.name, duration, None, None, None, limit, judged)
     count = min(len(measured.tau), len(motion.tau))
-    errors = _torque_errors(identification, recording, measured.tau[:count], motion.tau[:count])
+    still = np.abs(motion.reference.dq[:count]) < SLOW
+    errors = _torque_errors(identification, recording, measured.tau[:count], motion.tau[:count], still)
     off = measured.truth.q[:count] - motion.reference.q[:count]
     position = np.sqrt(np.mean(off**2, axis=0))
     span = np.maximum(np.ptp(motion.reference.q, axis=0), 1e-9)
@@ -108,16 +111,21 @@ def _impossible(estimate: Estimate) -> str:
 
 
 def _torque_errors(
-    identification: Identification, recording: Recording, simulated: FloatArray, measured: FloatArray
+    identification: Identification, recording: Recording, simulated: FloatArray, measured: FloatArray, still: BoolArray
 ) -> Errors | None:
-    """Behind the parallel filter's low-pass, without the rows that it has not filled; None where none are left."""
+    """Behind the parallel filter's low-pass, without the rows that it has not filled; None where none are left.
+
+    Nor does a joint count while it is `still` (m, n), where static friction holds any torque, in either robot another.
+    """
     taps = low_pass(recording.sampling_rate, identification.preprocessing.torque_cutoff)
     if len(measured) < 2 * len(taps):
         return None
     smooth = [fftconvolve(tau, taps[:, None], mode="valid", axes=0) for tau in (measured, simulated)]
-    rest = smooth[0] - smooth[1]
-    counts = np.full(rest.shape[1], float(len(rest)))
-    return Errors((rest**2).sum(axis=0), (smooth[0] ** 2).sum(axis=0), counts)
+    touched = fftconvolve(still.astype(np.float64), np.ones((len(taps), 1)), mode="valid", axes=0) > 0.5
+    recorded = recording.has_torque & identification.model.robot.has_torque
+    counted = ~touched & recorded
+    rest, known = (np.where(counted, one, 0.0) for one in (smooth[0] - smooth[1], smooth[0]))
+    return Errors((rest**2).sum(axis=0), (known**2).sum(axis=0), counted.sum(axis=0).astype(np.float64))
 
 
 def _judged(
@@ -129,13 +137,18 @@ def _judged(
             f"The longest unbroken stretch, {motion.reference.duration:.1f} s, is too short for the torque filter.",
         )
     names = identification.model.robot.joint_names
-    worst = int(np.argmax(errors.relative))
+    worst = int(np.argmax(np.where(errors.counts > 0, errors.relative, 0.0)))
     text = (
-        f"Over {motion.reference.duration:.1f} s the simulated torque is {errors.relative_total:.1%} off the measured "
-        f"one (largest on {names[worst]}, {errors.relative[worst]:.1%})"
+        f"Over {motion.reference.duration:.1f} s, while joints move, the simulated torque is "
+        f"{errors.relative_total:.1%} off the measured one (largest on {names[worst]}, {errors.relative[worst]:.1%})"
     )
     if errors.relative_total > limit:
         return Judged("fail", f"{text}, above the limit of {limit:.1%}.")
+    useless = [
+        f"{name} ({errors.relative[j]:.1%})" for j, name in enumerate(names) if errors.relative[j] > LARGEST_OF_JOINT
+    ]
+    if useless:
+        return Judged("fail", f"{text}, and above {LARGEST_OF_JOINT:.0%} on {', '.join(useless)}.")
     lost = [f"{name} ({share[j]:.1%})" for j, name in enumerate(names) if share[j] > _OFF]
     if lost:
         left = f"but the simulated robot leaves the recorded motion by more than {_OFF:.0%} of the range on"

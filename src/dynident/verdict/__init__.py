@@ -1,8 +1,23 @@
 """What a model is fit for, what not, and what to do about it: in words."""
 
 from dynident.diagnosis.comparing.content import Common, common_content
+from dynident.verdict.evidence import Outcome
 from dynident.verdict.judge import ModelVerdict, is_stopped, verdict
 from dynident.verdict.stopping import Stop
-from dynident.verdict.uses import Use, UseName
+from dynident.verdict.tool_loads import DetectableForce
+from dynident.verdict.use import MARKS, State, Use, UseName
 
-__all__ = ["Common", "ModelVerdict", "Stop", "Use", "UseName", "common_content", "is_stopped", "verdict"]
+__all__ = [
+    "MARKS",
+    "Common",
+    "DetectableForce",
+    "ModelVerdict",
+    "Outcome",
+    "State",
+    "Stop",
+    "Use",
+    "UseName",
+    "common_content",
+    "is_stopped",
+    "verdict",
+]

@@ -13,8 +13,15 @@ from dynident.identification.mistakes import VETOES
 from dynident.identification.thresholds import LARGEST_ERROR, OVERFIT, STOP, USUAL, USUAL_IN_FULL
 from dynident.recordings import Check, Recording
 from dynident.threads import single_threaded
+from dynident.validation.drift import Drift
+from dynident.verdict.collision_use import collision_findings
+from dynident.verdict.evidence import Evidence, Outcome
+from dynident.verdict.feed_forward_use import error_findings, feed_forward_findings
+from dynident.verdict.payload_use import payload_findings, unit_findings
+from dynident.verdict.simulation_use import drift_of, simulation_findings
 from dynident.verdict.stopping import Stop, stop_of, tells_stop
-from dynident.verdict.uses import Use, uses_of
+from dynident.verdict.tool_loads import DetectableForce, detectable_force, detectable_mass
+from dynident.verdict.use import USES, Finding, State, Use, UseName, use_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +30,8 @@ class ModelVerdict:
 
     `held_out` and `held_out_moving` are the errors that it was judged by (None where there are none); `stop` says why
     it is not to be used at all, None where it may; `common` what held-out data share with those of the fit;
-    `next_steps` what to do about the error, in the order of what it usually costs.
+    `next_steps` what to do about the error, in the order of what it usually costs. `drift`: how far a simulation runs
+    away; `force`: which force at the tool shows; `mass` (kg): which load shows; None where nothing tells.
     """
 
     uses: tuple[Use, ...]
@@ -32,17 +40,18 @@ class ModelVerdict:
     stop: Stop | None
     common: tuple[Common, ...]
     next_steps: tuple[str, ...]
+    drift: Drift | None = None
+    force: DetectableForce | None = None
+    mass: float | None = None
 
     @property
     def summary(self) -> str:
         """The verdict in a sentence."""
         if self.stop is not None:
             return f"Stop: {self.stop.cause}"
-        good = [one.use.replace("_", " ") for one in self.uses if one.fit]
-        bad = [one.use.replace("_", " ") for one in self.uses if not one.fit]
-        told = [f"Fit for {', '.join(good)}"] if good else []
-        told += [f"{'not' if good else 'Not'} fit for {', '.join(bad)}"] if bad else []
-        return f"{'; '.join(told)}."
+        parts = {words: [one.words for one in self.uses if one.state == state] for state, words in _STATES.items()}
+        told = "; ".join(f"{words} {', '.join(names)}" for words, names in parts.items() if names)
+        return f"{told[:1].upper()}{told[1:]}."
 
     def __repr__(self) -> str:
         return "\n".join([f"ModelVerdict: {self.summary}", *(f"  {line}" for line in self._lines())])
@@ -51,10 +60,18 @@ class ModelVerdict:
         return block(paragraph(self.summary, strong=True), listed(self._lines()))
 
     def _lines(self) -> list[str]:
-        """What it is fit for and why, unless it is not to be used at all, and what to do next."""
+        """What it is fit for and why, unless it is not to be used at all; then what to do about the error."""
         uses = () if self.stop is not None else self.uses
-        told = [f"{'✓' if one.fit else '✕'} {one.use.replace('_', ' ')}: {one.reason}" for one in uses]
+        told = [f"{one.mark} {one.words}: {one.reason} → {one.next_step}" for one in uses]
         return [*told, *(f"→ {step}" for step in self.next_steps)]
+
+
+_STATES: Mapping[State, str] = {
+    "yes": "fit for",
+    "limited": "fit within limits for",
+    "no": "not fit for",
+    "not_judged": "not judged for",
+}
 
 
 @single_threaded
@@ -63,6 +80,7 @@ def verdict(
     recordings: Sequence[Recording] = (),
     validation: Sequence[Recording] = (),
     checks: Mapping[str, Sequence[Check]] | None = None,
+    outcomes: Sequence[Outcome] = (),
 ) -> ModelVerdict:
     """Say what a model is fit for.
 
@@ -70,32 +88,103 @@ def verdict(
     ----------
     recordings, validation : sequence of Recording
         What the model was identified from, and the held-out data; without them neither their content nor the cause of
-        a gross mistake is looked for.
+        a gross mistake is looked for, and uses that need the residual in time are not judged.
     checks : mapping of a recording's name to its checks, optional
         What was found when they were read. Where that says that size, sign or gravity are wrong, the model is fit for
         nothing, however small its errors are: a wrong scale is fitted as well as the right one.
+    outcomes : sequence of Outcome
+        How validations of this model ended: they revise the verdict of their use.
     """
     common = common_content(recordings, validation)
-    at_rest = identification.model.is_at_rest
     # What is looked for in the columns of a stopped model shows in motion alone.
+    at_rest = identification.model.is_at_rest
     stop = None if at_rest else stop_of(identification, recordings, validation, common)
-    copied = [one for one in common if one.kind == "copied"]
-    nothing = " ".join(map(str, copied))
-    if not copied and stop is not None:
-        worst = max(one.relative_total for one in (identification.fit, identification.held_out) if one is not None)
-        nothing = f"The error is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect."
-    if at_rest:
-        nothing = _of_poses(identification)
-    reservations = [str(one) for one in common if one.kind == "repeated"]
-    uses = uses_of(identification, nothing or _veto(checks or {}), reservations)
+    reservations = [Finding("limited", str(one), _ANOTHER) for one in common if one.kind == "repeated"]
+    if identification.model.robot.joints_without_torque:
+        silent = ", ".join(identification.model.robot.joints_without_torque)
+        sentence = f"Not of {silent}, whose torque was not recorded."
+        reservations.append(Finding("limited", sentence, f"Record the torque of {silent}, too."))
+    against = _against_all(identification, stop, common, checks or {})
+    held_out = identification.held_out
+    drift, force, mass = None, None, None
+    if against is not None or held_out is None:
+        finding = against or Finding(
+            "not_judged",
+            "There are no held-out data to judge by: give a recording that no parameter sees.",
+            "Record another motion, and hold it out.",
+        )
+        uses = tuple(use_of(name, [finding], "") for name in USES)
+    else:
+        evidence = Evidence.of(identification, held_out, validation, outcomes)
+        robot = identification.model.robot
+        drift = drift_of(evidence)
+        force, mass = detectable_force(robot, evidence.comparisons), detectable_mass(robot, evidence.comparisons)
+        found: dict[UseName, list[Finding]] = {
+            "simulation": [*error_findings(evidence), *simulation_findings(evidence, drift), *unit_findings(evidence)],
+            "feed_forward": [*feed_forward_findings(evidence), *unit_findings(evidence)],
+            "collision_detection": collision_findings(evidence, force),
+            "payload": payload_findings(evidence, mass),
+        }
+        uses = tuple(
+            use_of(name, [*_revised(evidence, name), *reservations, *own], _WHEN_GOOD[name])
+            for name, own in found.items()
+        )
     return ModelVerdict(
         uses,
-        identification.held_out,
+        held_out,
         identification.held_out_moving,
         stop,
         common,
         tuple(_next_steps(identification, stop, common)),
+        drift,
+        force,
+        mass,
     )
+
+
+_ANOTHER = "Hold out another motion: this one is that of the fit."
+_WHEN_GOOD: Mapping[UseName, str] = {
+    "simulation": "Export it: dynident export MODEL -f urdf, or -f mjcf.",
+    "feed_forward": "Export it: dynident export MODEL -f c, or -f casadi.",
+    "collision_detection": "Export it, and watch the residual behind the same filters: dynident export MODEL -f c.",
+    "payload": "Weigh a load: hold out runs with it, and dynident validate MODEL payload.",
+}
+_REVISES: Mapping[UseName, tuple[str, ...]] = {
+    "simulation": ("simulation", "inertia_matrix", "cross", "direct"),
+    "feed_forward": ("cross", "direct"),
+    "collision_detection": ("cross", "direct"),
+    "payload": ("bootstrap", "methods", "cross", "direct"),
+}
+"""Which validations speak of a use. The known load is in the findings of those that it speaks of."""
+
+
+def _revised(evidence: Evidence, name: UseName) -> list[Finding]:
+    """What validations found that failed."""
+    return [
+        Finding(
+            "no",
+            f"The validation {one.kind.replace('_', ' ')} failed: {one.judged.reason}",
+            "Find what is missing: dynident diagnose MODEL RUN.",
+        )
+        for one in evidence.failed(*_REVISES[name])
+    ]
+
+
+def _against_all(
+    identification: Identification, stop: Stop | None, common: Sequence[Common], checks: Mapping[str, Sequence[Check]]
+) -> Finding | None:
+    """What speaks against every use, or leaves nothing to judge by; None where nothing does."""
+    if identification.model.is_at_rest:
+        return Finding("no", _of_poses(identification), "Record a designed motion: dynident design ROBOT.")
+    copied = [one for one in common if one.kind == "copied"]
+    if copied:
+        return Finding("not_judged", " ".join(map(str, copied)), "Hold out a recording of another motion.")
+    if stop is not None:
+        worst = max(one.relative_total for one in (identification.fit, identification.held_out) if one is not None)
+        sentence = f"The error is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect."
+        return Finding("no", sentence, "Look at the cause above first.")
+    veto = _veto(checks)
+    return Finding("no", veto, "Mend the recording as its check says, and identify again.") if veto else None
 
 
 def _veto(checks: Mapping[str, Sequence[Check]]) -> str:
@@ -118,8 +207,8 @@ def _of_poses(found: Identification) -> str:
 
 
 def is_stopped(identification: Identification) -> bool:
-    """Whether a model is not to be used, by its errors alone."""
-    return tells_stop(identification.held_out) or tells_stop(identification.fit)
+    """Whether a model is not to be used: its errors are too large, or its held-out data are those of the fit."""
+    return bool(identification.data.copied) or tells_stop(identification.held_out) or tells_stop(identification.fit)
 
 
 def _next_steps(found: Identification, stop: Stop | None, common: Sequence[Common]) -> list[str]:
@@ -144,7 +233,7 @@ def _next_steps(found: Identification, stop: Stop | None, common: Sequence[Commo
         return [*steps, "Record another motion, and hold it out."]
     error = found.held_out.relative_total
     if any(one.kind == "repeated" for one in common):
-        steps.append("Hold out another motion: this one is that of the fit.")
+        steps.append(_ANOTHER)
     if error > OVERFIT * found.fit.relative_total:
         steps.append(
             f"The held-out error is {error / max(found.fit.relative_total, 1e-12):.1f} times that of the fit: record a "

@@ -66,6 +66,30 @@ class CurrentParameterView(TypedDict):
     value: float
 
 
+class DetectableForceView(TypedDict):
+    """The force at the tool that shows above what the model leaves, at one false alarm an hour."""
+
+    force: float
+    """N, in 95 % of the directions and the postures of the held-out motion"""
+    seconds: float
+    """Of held-out motion that this comes from"""
+    thresholds: list[float | None]
+    """Of every joint's residual behind the model's filters, N m or N; null: it moves too seldom"""
+
+
+class DriftView(TypedDict):
+    """How far a simulation is off that is left alone under the measured torque, root mean square over many starts."""
+
+    after: list[float]
+    """s"""
+    distance: list[list[float | None]]
+    """rad or m, after each time, per joint"""
+    joint_names: list[str]
+    share: list[list[float | None]]
+    """Of the way that the joint made meanwhile"""
+    starts: int
+
+
 class EssentialStepView(TypedDict):
     """One parameter less."""
 
@@ -101,6 +125,8 @@ class IdentificationResult(TypedDict):
     condition_number: float | None
     converged: bool
     """Whether the rounds that the estimator takes have settled"""
+    copied: list[str]
+    """Held-out measurements, by name, with samples that the model was fitted to"""
     dependence: list[str]
     """Parameters that the motion determines only together"""
     effective_rows: list[float]
@@ -307,7 +333,12 @@ class UseView(TypedDict):
     """Whether the model is fit for a use."""
 
     fit: bool
+    """Whether it may be used so, if only within the limit that the reason says"""
+    next_step: str
+    """One thing to do next"""
     reason: str
+    state: Literal["yes", "limited", "no", "not_judged"]
+    """limited: fit within a limit; not_judged: nothing was there to tell by"""
     use: Literal["simulation", "feed_forward", "collision_detection", "payload"]
 
 
@@ -316,8 +347,14 @@ class VerdictView(TypedDict):
 
     common: list[CommonView]
     """What held-out data share with those of the fit"""
+    drift: DriftView | None
+    """null where no simulation was made"""
+    force: DetectableForceView | None
+    """null where the data do not tell"""
     held_out: ErrorsView | None
     """What it was judged by; null without held-out data"""
+    mass: float | None
+    """kg at the tool from which on a load shows; null: not told"""
     next_steps: list[str]
     """What to do about the error, in the order of what it usually costs"""
     stop: StopView | None

@@ -11,7 +11,7 @@ import typer
 from dynident.excitation.request import DesignRequest
 from dynident_service.cli.asked import Asks, Typed
 from dynident_service.cli.files import FOLDER_TO_READ
-from dynident_service.cli.options import Effects, Json, RobotArgument, RobotReading, SomeFile, SomeFiles, of_file
+from dynident_service.cli.options import Effects, Json, RobotArgument, RobotTimedReading, SomeFile, SomeFiles, of_file
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,21 @@ class Beside:
     ] = None
     meshes: Annotated[
         list[Path] | None,
-        typer.Option("--meshes", metavar="FOLDER", help="Where the URDF's collision meshes are; may be repeated."),
+        typer.Option(
+            "--meshes",
+            metavar="FOLDER",
+            help="Where the URDF's collision meshes are; may be repeated. Otherwise the folders above the URDF, and "
+            "those of ROS_PACKAGE_PATH.",
+        ),
         FOLDER_TO_READ,
     ] = None
+    floor: Annotated[
+        bool,
+        typer.Option(
+            "--floor/--no-floor",
+            help="Where nothing around the robot is stated, assume a floor through the base of an upright arm.",
+        ),
+    ] = True
     diagnosis: Annotated[
         SomeFile,
         of_file(
@@ -53,7 +65,7 @@ def design(
     effects: Effects,
     asked: Annotated[Typed, Asks(DesignRequest)],
     beside: Beside,
-    reading: RobotReading,
+    reading: RobotTimedReading,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="Trajectory: .csv, .parquet, .yaml (ROS 2).")
     ] = Path("trajectory.csv"),
@@ -68,6 +80,7 @@ def design(
     from dynident_service.cli import inputs, tables, telling, terminal
     from dynident_service.cli.designing import (
         limits_of,
+        mesh_folders_of,
         proposed_design,
         show_design,
         surroundings_of,
@@ -81,7 +94,9 @@ def design(
         wanted if beside.diagnosis is None else proposed_design(beside.diagnosis),
         limits=limits_of(beside.limits),
         torque_margin=wanted.torque_margin,
-        surroundings=surroundings_of(beside.surroundings, beside.meshes or []),
+        surroundings=surroundings_of(
+            beside.surroundings, mesh_folders_of(machine, robot, beside.meshes), floor=beside.floor
+        ),
     )
     with inputs.read("design", beside.earlier or [], machine, reading, share=0.1) as read:
         found = design_experiment(machine, request, read.progress, read.recordings)

@@ -36,10 +36,15 @@ def export(
     choices = asked.request(ExportChoices)
     identification = inputs.model_of(model)
     if is_stopped(identification) and not choices.anyway:
-        detail = (
-            f"the error of this model is above {STOP:.0%}: something else is wrong than a missing effect, and "
-            "`dynident identify` says what it may be. To write it all the same: --anyway"
+        copied = ", ".join(identification.data.copied)
+        why = (
+            f"the held-out data of this model ({copied}) hold samples that it was fitted to: nothing has tried it. "
+            "Hold out a recording of another motion"
+            if copied
+            else f"the error of this model is above {STOP:.0%}: something else is wrong than a missing effect, and "
+            "`dynident identify` says what it may be"
         )
+        detail = f"{why}. To write it all the same: --anyway"
         raise DynidentError(detail, pointer=str(model), title="Not fit for use")
     try:
         file = export_model(identification, chosen, nearest=choices.nearest)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
+import typer
+
 from dynident_service.cli.options import (
     Effects,
     Measurements,
@@ -29,11 +31,12 @@ def extend(
 ) -> None:
     """Add effects to a model.
 
-    Give the measurements that it was identified from.
+    Give the measurements that it was identified from. Ends with the verdict on the model, as `identify` does.
     """
     from dynident.errors import DynidentError
     from dynident.identification import extend as extend_model
-    from dynident_service.cli import inputs, telling
+    from dynident.verdict import verdict
+    from dynident_service.cli import inputs, shown, telling
 
     identification = inputs.model_of(model)
     robot = identification.model.robot
@@ -49,4 +52,8 @@ def extend(
         raise DynidentError("say what to add: --effects, or --diagnosis with a file", pointer="--effects")
     with inputs.read("extend", measurements, robot, reading, validation) as read:
         found = extend_model(identification, added, read.recordings, read.other_recordings, read.progress)
-    telling.tell_rung(result, found, model.stem, identification)
+        checks = {item.recording.name: item.checks for item in (*read.given, *read.others)}
+        judged = verdict(found, read.recordings, read.other_recordings, checks)
+    telling.tell_rung(result, found, model.stem, identification, judged)
+    if judged.stop is not None:
+        raise typer.Exit(shown.STOPPED)

@@ -10,7 +10,7 @@ import typer
 
 from dynident.encoding import encode_text
 from dynident_service.cli.files import A_ROBOT, TO_READ
-from dynident_service.cli.options import Beside, Json, Out
+from dynident_service.cli.options import Beside, Json, Out, Rate
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,6 +32,7 @@ def inspect(
         ),
         A_ROBOT,
     ] = None,
+    rate: Rate = None,
     out: Out = None,
     as_proposed: Annotated[
         bool, typer.Option("--as-proposed", help="Fail where anything is to be answered, and write nothing then.")
@@ -46,12 +47,12 @@ def inspect(
     from dynident_service.cli import files, inputs, metadata, telling
 
     machine = None if robot is None else inputs.robot_of(robot, beside_it)
-    found = inspect_file(file, machine)
+    found = inspect_file(file, machine, rate)
     if found.proposal is not None:
         if as_proposed:
             metadata.as_proposed(file, found, has_gains=True)
         if out is not None:
-            document = json.dumps(metadata.proposed(found), indent=2, ensure_ascii=False)
+            document = json.dumps(metadata.proposed(found, rate), indent=2, ensure_ascii=False)
             files.write_whole(out, encode_text(f"{document}\n"))
     written = () if out is None or found.proposal is None else (f"proposal written to {out}",)
     telling.say(as_json, lambda: _document(found), lambda console: _show(console, found), *written)

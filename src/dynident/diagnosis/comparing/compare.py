@@ -92,9 +92,15 @@ class Comparison:
 
     @cached_property
     def residual(self) -> FloatArray:
-        """(m, n): measured minus predicted; where a joint stands, the distance to the band."""
+        """(m, n): measured minus predicted; where a joint stands, the distance to the band; 0 of no torque."""
         standing = self.phase == Phase.STANDING
-        return np.where(standing, distance_to_band(self.measured, self.lower, self.upper), self.raw_residual)
+        residual = np.where(standing, distance_to_band(self.measured, self.lower, self.upper), self.raw_residual)
+        return np.where(self.has_torque, residual, 0.0)
+
+    @property
+    def has_torque(self) -> BoolArray:
+        """(m, n): rows whose torque was recorded, and may be held against the model's."""
+        return np.asarray(self.phase != Phase.NO_TORQUE)
 
     @property
     def moving(self) -> BoolArray:
@@ -119,7 +125,7 @@ class Comparison:
     @cached_property
     def errors(self) -> Errors:
         """The errors of the whole recording, per joint."""
-        return self._errors(self.residual, np.ones_like(self.moving))
+        return self._errors(self.residual, self.has_torque)
 
     @cached_property
     def moving_errors(self) -> Errors:
@@ -129,7 +135,7 @@ class Comparison:
     @cached_property
     def raw_errors(self) -> Errors:
         """The errors of the whole recording without a band at rest."""
-        return self._errors(self.raw_residual, np.ones_like(self.moving))
+        return self._errors(self.raw_residual, self.has_torque)
 
     def _errors(self, residual: FloatArray, rows: BoolArray) -> Errors:
         squares, measured = (residual**2 * rows).sum(axis=0), (self.measured**2 * rows).sum(axis=0)

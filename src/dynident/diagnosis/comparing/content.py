@@ -10,8 +10,8 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.repetition import Repeat, repeats_between, share_repeated, tracks_of
-from dynident.diagnosis.comparing.sample_hashes import SampleHashes
 from dynident.recordings import Recording
+from dynident.recordings.sample_hashes import SHARED, SampleHashes
 from dynident.recordings.spectra import used_runs
 
 COPIED = 0.996
@@ -22,10 +22,6 @@ which they are as well. Other runs of one motion have up to 0.963, periods of a 
 
 MOSTLY = 0.5
 """Share of the moving time of held-out data from which on what they have in common decides what they show."""
-
-SHARED = 0.01
-"""Share of the moving samples of held-out data that may be of the fit, too: windows that touch share their ends. With
-more of them the held-out error is not that of data that no parameter saw."""
 
 _FAST, _SLOW = 0.04, 0.3
 _STEP = 0.01

@@ -31,6 +31,18 @@ def check_recordings(robot: Robot, recordings: Sequence[Recording], validation: 
                 )
 
 
+def check_joint_torques(name: ModelName, recordings: Sequence[Recording]) -> None:
+    """Raise where a model needs the torques of all joints in one equation, and a recording lacks one of them."""
+    lacking = [recording for recording in recordings if recording.joints_without_torque]
+    if lacking and name in ("power", "energy"):
+        raise DynidentError(
+            f"the {name} model adds up the work of all joints, and {lacking[0].name} has no torque of "
+            f"{', '.join(lacking[0].joints_without_torque)}; choose the dynamic or the filtered model",
+            pointer="/model",
+            title="No torque",
+        )
+
+
 def check_temperature(
     effects: Sequence[EffectChoice], recordings: Sequence[Recording], validation: Sequence[Recording]
 ) -> None:

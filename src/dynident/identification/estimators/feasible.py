@@ -10,7 +10,7 @@ distance from the description's bodies is part of the cost (`entropic`).
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,8 +19,11 @@ from dynident.errors import DynidentError
 from dynident.estimation import Reduction, Solution, errors, noise_levels, statistics, weighted
 from dynident.estimation.least_squares import doubtful_noise, weighted_factor, weights_settled
 from dynident.estimation.semidefinite import Constrained
-from dynident.identification.estimators.feasible_problem import Believed, FeasibleProblem, believed_of, problem_of
+from dynident.identification.asked import Trust
+from dynident.identification.estimators.feasible_problem import WEAK, Believed, FeasibleProblem, believed_of, problem_of
 from dynident.identification.fit import Fit
+from dynident.identification.parameters.bodies import bodies_of
+from dynident.identification.parameters.standard import StandardParameters
 from dynident.identification.problem import Problem
 from dynident.regressors.model import Model
 
@@ -29,7 +32,17 @@ _ROUNDS = 20
 
 # Newton's steps: predicted gain of cost, in squared standard deviations, that is none; share of it that pays; shortest.
 _SETTLED, _PAYS, _SHORTEST, _MOST_STEPS = 1e-10, 1e-4, 1e-9, 100
-_NOTABLE = 1.02
+FREE = 1.02
+"""Times the error of the fit up to which feasible parameters cost nothing. Of 20 models of eight real machines, plain
+and extended ones, those below have a held-out error that rises by 0.5 % at most or falls; above, it rises by up to 9 %.
+"""
+
+# What the description counts for in what the data leave open, where only the distance is asked for, which it must not
+# add to: with the usual 0.03 feasible parameters of a real arm seem eleven standard deviations off, with this 0.1.
+_TO_COMPARE = 1e-5
+# Standard deviations of all parameters together within which two estimates are one: feasible estimates of nine real
+# machines come out at 0.14 at most, for rounding; those of plain least squares at 6.9 at least.
+_FEASIBLE = 0.2
 
 
 def feasible(asked: Problem) -> Fit:
@@ -67,6 +80,69 @@ def feasible(asked: Problem) -> Fit:
         _warnings(model, problem, found, data.equations, unconstrained),
         problem.standard(found),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class NearestFeasible:
+    """The feasible base parameters (b,) nearest to estimated ones.
+
+    `distance`: how far those are from feasible, in their own standard deviations; `limits` name what holds them back.
+    `standard`: standard parameters with these base parameters.
+    """
+
+    values: FloatArray
+    standard: StandardParameters
+    distance: float
+    limits: tuple[str, ...]
+
+    @property
+    def is_feasible(self) -> bool:
+        """Whether the estimated parameters themselves are feasible."""
+        return self.distance <= _FEASIBLE
+
+
+def nearest_feasible(
+    model: Model, equations: Reduction, solution: Solution, trust: Trust, weak: float = _TO_COMPARE
+) -> NearestFeasible:
+    """Look for the parameters of a robot that can exist nearest to those of a solution, whatever estimated it.
+
+    Parameters
+    ----------
+    weak : float
+        What a usual error of the description counts for in what the data leave open, in standard deviations.
+
+    Raises
+    ------
+    DynidentError
+        Where nothing that is possible was found.
+    """
+    believed = believed_of(model, replace(trust, prior=None), solution)
+    problem = problem_of(model, equations, solution.known, believed.at(believed.belief.mean))
+    found = problem.nearest_to(solution, weak)
+    values = problem.base_of(found)
+    distance = float(np.linalg.norm(solution.factor @ (values - solution.values)))
+    limits = [model.columns[k].name for k in found.zeros] + [problem.bodies[place].name for place in found.edges]
+    return NearestFeasible(values, problem.standard(found), distance, tuple(limits))
+
+
+def move_where_free(model: Model, equations: Reduction, found: Fit, trust: Trust) -> Fit:
+    """Move a fit to the nearest feasible parameters where its error grows by less than `FREE`; else leave it.
+
+    Its covariance stays: the feasible set holds the truth and is convex, so that moving to it brings no estimate
+    farther from the truth, measured by that covariance, and intervals of the same width hold it as often.
+    """
+    # What sits in some runs alone is a difference between them, and the question is whether it is there at all: held to
+    # bodies that can exist it would always seem to be.
+    if not bodies_of(model.columns) or any(column.runs for column in model.columns):
+        return found
+    try:
+        nearest = nearest_feasible(model, equations, found.solution, trust, WEAK)
+    except DynidentError:
+        return found
+    before, after = (errors(equations, values).rms_total for values in (found.solution.values, nearest.values))
+    if not nearest.limits or after > FREE * before:
+        return found
+    return replace(found, solution=replace(found.solution, values=nearest.values), standard=nearest.standard)
 
 
 def nearest(
@@ -127,7 +203,7 @@ def _warnings(
         told.append("Standard deviations take these limits as certain.")
     before = errors(equations, unconstrained.values).rms_total
     after = errors(equations, problem.base_of(found)).rms_total
-    if before > 0 and after > _NOTABLE * before:
+    if before > 0 and after > FREE * before:
         told.append(
             f"Physical feasibility costs {after / before - 1:.0%} of the residual in the fit: the data want parameters "
             "that no robot has, because the motion does not determine them or an effect is missing."

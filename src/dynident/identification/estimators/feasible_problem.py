@@ -26,7 +26,7 @@ from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS
 _LEAST = 1e-5
 # Weight of what decides between parameters that neither data nor prior tell apart: a usual error counts for so many
 # standard deviations, or for so much of the largest weight of the data where those are so exact that it would be lost.
-_WEAK, _LEAST_SHARE = 0.03, 1e-6
+WEAK, _LEAST_SHARE = 0.03, 1e-6
 _NULL = 1e-7
 
 
@@ -81,13 +81,25 @@ class FeasibleProblem:
         factor = weighted_factor(self.equations, noise, known)
         b = len(factor) - 1
         of_data = factor[:b, :b] @ self.grouping
-        weak = max(_WEAK, _LEAST_SHARE * float(np.abs(of_data).max(initial=0.0)))
+        weak = max(WEAK, _LEAST_SHARE * float(np.abs(of_data).max(initial=0.0)))
         rows = np.vstack([of_data, rest, weak * self.open])
         return rows, np.concatenate([factor[:b, b], rest @ self.mean, weak * (self.open @ self.mean)])
 
     def solve(self, noise: FloatArray) -> Constrained:
         """The solution u with equations weighted by 1 / noise (n,)."""
-        rows, right = self.rows(noise, self.known, self.rest)
+        return self._constrained(*self.rows(noise, self.known, self.rest))
+
+    def nearest_to(self, solution: Solution, weak: float) -> Constrained:
+        """The u whose base parameters are nearest to those of a solution, measured by how sure that one is.
+
+        `weak`: what a usual error counts for in what the solution leaves open, in standard deviations.
+        """
+        of_data = solution.factor @ self.grouping
+        weak *= max(1.0, _LEAST_SHARE / WEAK * float(np.abs(of_data).max(initial=0.0)))
+        right = np.concatenate([solution.factor @ solution.values, weak * (self.open @ self.mean)])
+        return self._constrained(np.vstack([of_data, weak * self.open]), right)
+
+    def _constrained(self, rows: FloatArray, right: FloatArray) -> Constrained:
         bounds = [MatrixBound(body.columns, PSEUDO_INERTIA_PARTS, -_LEAST * np.eye(4)) for body in self.bodies]
         try:
             found = constrained_least_squares(rows, right, bounds, self.not_negative)

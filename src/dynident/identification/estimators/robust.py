@@ -127,7 +127,9 @@ class _Passes:
     def pseudo_observations(self, values: FloatArray, sigma: FloatArray, influence: Influence) -> Reduction:
         """The equations of the pseudo-observations ŷ + ψ(e) / mean ψ', weights 1."""
         safe = floored(sigma)
-        slope = np.nanmean(influence.slope(self.residuals(values) / safe), axis=0)
+        slope = influence.slope(self.residuals(values) / safe)
+        counted = np.isfinite(slope)
+        slope = np.where(counted, slope, 0.0).sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
 
         def mended(samples: FilteredSamples) -> FilteredSamples:
             rest = self._residual(samples, values)

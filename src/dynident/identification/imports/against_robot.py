@@ -11,6 +11,7 @@ from dynident.identification.imports.fits import Fits
 from dynident.identification.imports.proposal import Guess, Question
 from dynident.identification.mistakes import examine
 from dynident.identification.mistakes.checks import GRAVITY, SCALE
+from dynident.recordings.columns import NOT_RECORDED
 from dynident.recordings.stated import COMMANDED
 from dynident.recordings.types import Check
 from dynident.robot import Robot
@@ -26,7 +27,14 @@ _FIELDS = {GRAVITY: "gravity", SCALE: "units/tau", COMMANDED: "effort_kind"}
 
 
 def hold_against(
-    robot: Robot, fits: Fits, q: FloatArray, tau: FloatArray, names: tuple[Sequence[str], Sequence[str]], *, in_si: bool
+    robot: Robot,
+    fits: Fits,
+    q: FloatArray,
+    tau: FloatArray,
+    names: tuple[Sequence[str], Sequence[str]],
+    *,
+    in_si: bool,
+    silent: Sequence[int] = (),
 ) -> tuple[list[Guess], list[Question]]:
     """Hold columns against a robot's dynamics as the whole file will be: what is refused then is asked now.
 
@@ -40,6 +48,8 @@ def hold_against(
         Positions in rad or m; torques, in N m or N where that is known, which `in_si` says.
     names : pair of names
         Of the columns of positions, and of torques.
+    silent : sequence of int
+        Joints whose torque was not recorded, which is said elsewhere.
     """
     recording = fits.recording(q, tau)
     examined = None if recording is None else examine(robot, recording, *names)
@@ -50,11 +60,15 @@ def hold_against(
     ]
     guesses = [Guess("check", one.name.replace("_", " "), 0.5, one.detail) for one in wrong if not _is_asked(one)]
     is_commanded = any(one.name == COMMANDED for one in wrong)
-    still = np.flatnonzero((np.ptp(tau, axis=0) == 0) & (np.ptp(q, axis=0) > 0))
+    still = np.setdiff1d(np.flatnonzero((np.ptp(tau, axis=0) == 0) & (np.ptp(q, axis=0) > 0)), silent)
     if len(still) and not is_commanded:
         never = ", ".join(names[1][int(joint)] for joint in still)
         questions.append(
-            Question("columns/tau", f"{never} never change while the joints move: where is the measured torque?")
+            Question(
+                "columns/tau",
+                f"{never} never change while the joints move: where is the measured torque? If it was not recorded, "
+                f'say "columns": {{"tau{int(still[0]) + 1}": "{NOT_RECORDED}"}}, or lock the joint.',
+            )
         )
     if examined is None or examined.left is None:
         nothing = "the sample moves too little to be held against the robot's dynamics"

@@ -14,11 +14,12 @@ SLOPE = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Consecutive rows of a file: its columns' names, values (m, columns), and the units that it states itself."""
+    """Consecutive rows of a file: its columns' names, values (m, columns), stated units, and how it was read."""
 
     names: tuple[str, ...]
     values: FloatArray
     units: dict[str, str]
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

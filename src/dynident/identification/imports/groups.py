@@ -92,6 +92,27 @@ def _by_our_names(named: Sequence[Named], joint_names: Sequence[str]) -> list[Gr
     return groups
 
 
+def incomplete_groups(named: Sequence[Named], joint_names: Sequence[str]) -> list[tuple[Named, dict[int, int]]]:
+    """Give columns of one signal of most joints: one of them, and the columns by their joint."""
+    n = len(joint_names)
+    found: dict[tuple[str, ...], dict[int, int]] = {}
+    numbered: dict[tuple[str, ...], dict[int, int]] = {}
+    for index, one in enumerate(named):
+        own = next((joint for joint, name in enumerate(joint_names) if one.name in (f"tau_{name}", f"q_{name}")), None)
+        hit = _by_joint_name(one.words, joint_names)
+        if own is not None:
+            found.setdefault(("ours", one.signal or ""), {}).setdefault(own, index)
+        elif hit is not None:
+            found.setdefault(hit[1], {}).setdefault(hit[0], index)
+        elif len(one.numbers) == 1:
+            stem = tuple("#" if word.isdigit() else word for word in one.words)
+            numbered.setdefault(stem, {}).setdefault(one.numbers[0], index)
+    for stem, members in numbered.items():
+        first = 0 if 0 in members else 1
+        found[stem] = {number - first: index for number, index in members.items() if number - first < n}
+    return [(named[next(iter(one.values()))], one) for one in found.values() if n / 2 < len(one) < n]
+
+
 def hold_the_same(values: FloatArray, groups: Sequence[Group]) -> bool:
     """Whether the columns (m, c) of several groups hold the same numbers, but for what lies between two samples."""
     first, *others = (values[:, list(group.columns)] for group in groups)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray
+from dynident.arrays import FloatArray
 from dynident.identification.imports import units as of_units
 from dynident.identification.imports.against_robot import hold_against
 from dynident.identification.imports.currents import question_of_gains
@@ -24,15 +23,26 @@ from dynident.identification.imports.facts import (
     is_counter,
     slopes,
 )
+from dynident.identification.imports.few_joints import groups_of_few_joints
 from dynident.identification.imports.fits import Fits, PoseFits
-from dynident.identification.imports.groups import Group, by_elimination, groups_of, hold_the_same, of_more_joints
+from dynident.identification.imports.groups import (
+    Group,
+    by_elimination,
+    groups_of,
+    hold_the_same,
+    of_more_joints,
+)
+from dynident.identification.imports.missing_joints import columns_of_strangers, question_of_missing, torque_of_most
 from dynident.identification.imports.proposal import Guess, Proposal, Question
+from dynident.identification.imports.put_right import condition_sample
 from dynident.identification.imports.unnamed import Kinds, as_counted, is_in_order, kinds_of, own_torques, whole_signals
 from dynident.identification.imports.words import read_names
 from dynident.identification.mistakes.described_units import find_units
+from dynident.recordings.columns import NOT_RECORDED
+from dynident.recordings.conditioning.registers import decode_registers
 from dynident.recordings.poses import jump_from_row_to_row
 from dynident.recordings.stated import EffortKind
-from dynident.recordings.types import RecordingError
+from dynident.recordings.units import conversion
 from dynident.robot import Robot
 
 NO_MEASUREMENT: dict[EffortKind, str] = {
@@ -40,6 +50,8 @@ NO_MEASUREMENT: dict[EffortKind, str] = {
     "gravity_compensated": "gravity-compensated: the load of gravity was taken out of them",
     "commanded": "commanded and not measured",
 }
+
+_TOGETHER = "give the files as one recording (q.csv+dq.csv+tau.csv)"
 
 _CLEARLY = 1.25
 """Times what the robot's dynamics have to leave of the torque in another order, for it to be refuted."""
@@ -62,6 +74,7 @@ class _Guesser:
     units: dict[str, str] = field(default_factory=dict)
     guesses: list[Guess] = field(default_factory=list)
     questions: list[Question] = field(default_factory=list)
+    silent: list[int] = field(default_factory=list)
 
     def run(self) -> Proposal:
         sample, n = self.sample, self.robot.n
@@ -69,6 +82,8 @@ class _Guesser:
         self.of_poses = False
         self.alive = changing(sample.values) if len(sample.values) else np.zeros(len(sample.names), dtype=bool)
         kind: EffortKind = "unknown"
+        for remark in self.sample.remarks:
+            self._say("rows", "joined", 0.95, remark)
         self._set_aside()
         clock = self._clock()
         if clock is None:
@@ -88,23 +103,32 @@ class _Guesser:
         if following:
             told = ", ".join(others[index].name for index in following)
             self._say("columns", told, 0.9, "not used: of joints that are not driven, which follow from those that are")
+        local += groups_of_few_joints(others, rest, self.robot)
+        in_groups = {index for group in local for index in group.columns}
+        rest = [index for index in rest if index not in in_groups]
         groups = [group.among(places) for group in local]
         groups += self._unnamed(groups, [places[index] for index in rest], n)
         position = self._position(groups)
         effort, kind = self._effort(groups, position)
         if position is None or effort is None:
             return self._done(kind)
+        self._read_signs(position, "q")
+        self._read_signs(effort, "tau")
+        self._without_torque(effort)
         q = self._positions(position, effort)
         if self.of_poses:
             return self._done(self._efforts_at_poses(effort, q, kind))
         if q is not None:
-            q, put_right = self._conditioned(position, effort, q, good)
+            rows = replace(self.sample, values=self.sample.values[good])
+            q, put_right = condition_sample(self.fits, rows, position, effort, q)
             self._rates(groups, position, q)
             kind = self._efforts(effort, q, kind)
             self.guesses += put_right
         return self._done(kind)
 
     def _done(self, kind: EffortKind) -> Proposal:
+        if strangers := columns_of_strangers(self.named, self.columns, self.robot.n):
+            self._say("columns", ", ".join(strangers), 0.8, "not used: of no joint of the robot, by their names")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
 
     def _say(self, name: str, value: str, confidence: float, reason: str) -> None:
@@ -120,6 +144,34 @@ class _Guesser:
             names = ", ".join(self.sample.names[column] for column in empty)
             self._say("columns", names, 0.9, "not used: no row of them holds a number")
 
+    def _read_signs(self, group: Group, kind: str) -> None:
+        """Read the signs of registers that the log has without, as an import does."""
+        columns = list(group.columns)
+        decoded, register = decode_registers(self.values[:, columns], self.t, kind)
+        if register is None:
+            return
+        self.values[:, columns] = decoded
+        raw = np.array(self.sample.values)
+        raw[:, columns] = register.decode(raw[:, columns])
+        self.sample = replace(self.sample, values=raw)
+        detail = f"{self._shown(group)} are registers whose sign was not read: {register}. They are read so."
+        self._say("rows/registers", "put right", 0.95, detail)
+
+    def _without_torque(self, effort: Group) -> None:
+        """Take torques that hold no number for not recorded, as an import does."""
+        raw = np.array(self.sample.values)
+        for joint, column in enumerate(effort.columns):
+            if np.isfinite(raw[:, column]).any():
+                continue
+            raw[:, column] = self.values[:, column] = 0.0
+            name = self.robot.joint_names[joint]
+            told = (
+                f"{name} has no torque: its equation is left out, its motion is used; --lock {name} if it is a finger"
+            )
+            self._say(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, told)
+            self.silent.append(joint)
+        self.sample = replace(self.sample, values=raw)
+
     def _clock(self) -> Clock | None:
         names, values = self.sample.names, self.sample.values
         self.of_poses = self._are_poses()
@@ -128,10 +180,15 @@ class _Guesser:
         running = clock_like(values) if len(values) > 2 else []
         found = [one for column in running if (one := clock_of(values, column, self.named[column].unit)) is not None]
         told = [one for one in found if self.named[one.column].signal == "t"]
+        told.sort(key=lambda one: is_counter(values, one.column))
         even = [one for one in found if not is_counter(values, one.column) or self.named[one.column].signal == "t"]
         choice = next(iter(told or even or found), None)
         if choice is None:
-            self._ask("columns/t", "No column runs as a clock does: which one is the time, and in which unit?", names)
+            detail = (
+                "No column runs as a clock does: which one is the time, and in which unit? Where the file has none, "
+                f"state the rate of its rows in Hz (rate); where another file has it, {_TOGETHER}."
+            )
+            self._ask("columns/t", detail, names)
             return None
         sure = choice.sure and bool(told or even)
         if not told and is_counter(values, choice.column):
@@ -263,8 +320,14 @@ class _Guesser:
     def _position(self, groups: list[Group]) -> Group | None:
         found = sorted((group for group in groups if group.signal == "q"), key=lambda group: group.rank)
         if not found:
+            if missing := question_of_missing(self.named, self.robot):
+                self.questions.append(missing)
+                return None
             more = of_more_joints(self.named, self.robot.n)
-            detail = f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more}"
+            detail = (
+                f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more} Where "
+                f"they are in another file, {_TOGETHER}."
+            )
             self._ask("columns/q", detail, self.sample.names)
             return None
         equal = [group for group in found if group.rank == found[0].rank]
@@ -277,6 +340,9 @@ class _Guesser:
         return found[0]
 
     def _effort(self, groups: list[Group], position: Group | None) -> tuple[Group | None, EffortKind]:
+        if any(one.field == "robot" for one in self.questions):
+            # Which joints the robot has is to be answered before.
+            return None, "unknown"
         found = [group for group in groups if group.signal in ("tau", "current", "effort") and group is not position]
         silent = [group for group in found if not np.nan_to_num(self.values[:, list(group.columns)]).any()]
         found = [group for group in found if self.alive[list(group.columns)].any()]
@@ -291,9 +357,15 @@ class _Guesser:
             self._ask("effort_kind", detail, ("joint_torque",))
             return None, "joint_torque"
         if not found:
-            self._ask(
-                "columns/tau", "No columns were recognised as torques or currents of all joints.", self.sample.names
+            found = self._of_most_joints(position)
+        if not found:
+            if any(one.field == "robot" for one in self.questions):
+                return None, "unknown"
+            detail = (
+                "No columns were recognised as torques or currents of all joints. Where they are in another file, "
+                f"{_TOGETHER}."
             )
+            self._ask("columns/tau", detail, self.sample.names)
             return None, "unknown"
         best = found[0]
         equal = [group for group in found[1:] if group.rank == best.rank and group.signal == best.signal]
@@ -310,6 +382,24 @@ class _Guesser:
         if kind != "unknown":
             self._refuse_kind(kind, self._shown(best))
         return best, kind
+
+    def _of_most_joints(self, position: Group | None) -> list[Group]:
+        """Torques of most joints: those of the others were not recorded, or the joints are none of the arm's."""
+        if position is None:
+            return []
+        positions = self.values[:, list(position.columns)]
+        found = torque_of_most(self.named, self.robot, positions, len(self.named))
+        if isinstance(found, Question):
+            self.questions.append(found)
+        if not isinstance(found, Group):
+            return []
+        # A column that every joint without torque reads.
+        empty = np.full((len(self.sample.values), 1), np.nan)
+        columns = (*self.sample.names, NOT_RECORDED), np.hstack([self.sample.values, empty])
+        self.sample = Sample(*columns, self.sample.units)
+        self.values = np.column_stack([self.values, np.zeros(len(self.values))])
+        self.alive = np.append(self.alive, False)
+        return [found]
 
     def _refuse_kind(self, kind: EffortKind, shown: str) -> None:
         why = NO_MEASUREMENT[kind]
@@ -330,7 +420,8 @@ class _Guesser:
                 guess = turned
             else:
                 guess = of_units.stroke_unit(q[:, index], joint.reach, units[index])
-            q[:, index] *= of_units.factor_of("q", joint.kind, guess.unit)
+            factor, offset = conversion("q", joint.kind, guess.unit, "q")
+            q[:, index] = q[:, index] * factor + offset
             if mixed or index == 0:
                 key = f"q{index + 1}" if mixed else "q"
                 self._unit(key, guess, "m" if joint.kind == "prismatic" else "rad")
@@ -341,7 +432,8 @@ class _Guesser:
             self.units[key] = guess.unit
         self._say(f"units/{key}", guess.unit, guess.confidence, guess.reason)
         if guess.confidence < of_units.SURE:
-            choices = {"q": ("rad", "deg"), "t": ("s", "ms"), "c": ("A", "mA")}.get(key[0], ("N m", "mN m"))
+            usual_ones = {"q": ("rad", "deg"), "t": ("s", "ms"), "current": ("A", "mA")}
+            choices = guess.choices or usual_ones.get(key.rstrip("0123456789"), ("N m", "mN m"))
             self._ask(f"units/{key}", f"In which unit is {key}? {guess.reason}.", choices)
 
     def _rates(self, groups: list[Group], position: Group, q: FloatArray) -> None:
@@ -390,7 +482,8 @@ class _Guesser:
             kind = by_data.kind
             if kind in ("gravity_compensated", "external", "commanded"):
                 self._refuse_kind(kind, f"{self._shown(effort)} look as if they were ({by_data.reason}); they")
-        self._say("effort_kind", kind, by_data.confidence, by_data.reason)
+        taken = "" if torque.unit in ("N m", "N") else f" (in {torque.unit})"
+        self._say("effort_kind", kind, by_data.confidence, f"{by_data.reason}{taken}")
         if effort.unit in ("permille", "percent"):
             signal = "current"
             self._map("current", effort)
@@ -425,29 +518,6 @@ class _Guesser:
         self._check(q, tau * self._factors(signal or "tau", gains), effort, in_si=in_si)
         return kind
 
-    def _conditioned(
-        self, position: Group, effort: Group, q: FloatArray, good: BoolArray
-    ) -> tuple[FloatArray, list[Guess]]:
-        """Put right what an import will in positions (m, n) in rad or m, of the rows with a time, and say what."""
-        raw = self.sample.values[good]
-        positions, efforts = list(position.columns), list(effort.columns)
-        known = np.where(np.isfinite(raw[:, positions]), q, np.nan)
-        try:
-            right, _, checks = self.fits.condition(known, raw[:, efforts])
-        except RecordingError:
-            # What is wrong with the time is asked about elsewhere.
-            return q, []
-        names = dict(zip((f"q_{name}" for name in self.robot.joint_names), positions, strict=True))
-        names |= dict(zip((f"tau_{name}" for name in self.robot.joint_names), efforts, strict=True))
-        put_right = []
-        for check in checks:
-            if check.status != "ok":
-                detail = check.detail
-                for ours, column in names.items():
-                    detail = re.sub(rf"(?<!\w){re.escape(ours)}(?!\w)", self.sample.names[column], detail)
-                put_right.append(Guess(f"rows/{check.name}", "put right", 0.95, detail))
-        return filled(right), put_right
-
     def _factors(self, signal: str, gains: list[float | None]) -> FloatArray:
         """(n,): what makes N m or N of the effort's numbers, 1 where that is not known."""
         factors = np.ones(self.robot.n)
@@ -467,25 +537,37 @@ class _Guesser:
             self._unit("current", guess, "A")
             return
         guess = of_units.torque_unit(self.robot, tau, effort.unit, reach)
+        if effort.signal == "effort" and effort.unit is None and guess.unit not in ("N m", "N"):
+            # Nothing calls it a torque: a current, a register, or an error of position times a gain may be as large.
+            reason = f"{guess.reason}: if it is a torque at all, and no current, register or error of a controller"
+            guess = of_units.UnitGuess("N m", 0.5, reason, ("N m", guess.unit))
         for index, joint in enumerate(self.robot.joints):
             mixed = len({one.kind for one in self.robot.joints}) > 1
             if mixed or index == 0:
                 unit = guess.unit.replace(" m", "") if joint.kind == "prismatic" else guess.unit
                 key = f"tau{index + 1}" if mixed else "tau"
-                self._unit(key, of_units.UnitGuess(unit, guess.confidence, guess.reason), joint.effort_unit)
+                self._unit(
+                    key, of_units.UnitGuess(unit, guess.confidence, guess.reason, guess.choices), joint.effort_unit
+                )
 
     def _check(self, q: FloatArray, tau: FloatArray, effort: Group, *, in_si: bool) -> None:
         """Hold the columns against the robot's dynamics; where much is left, that stands first."""
         positions = [self.columns[f"q{joint + 1}"] for joint in range(self.robot.n)]
         torques = [self.sample.names[column] for column in effort.columns]
-        guesses, questions = hold_against(self.given, self.fits, q, tau, (positions, torques), in_si=in_si)
+        guesses, questions = hold_against(
+            self.given, self.fits, q, tau, (positions, torques), in_si=in_si, silent=self.silent
+        )
         first = [one for one in guesses[:1] if one.confidence < of_units.SURE and one.value.endswith("left")]
         self.guesses = [*first, *self.guesses, *guesses[len(first) :]]
+        if any(one.field == "units/tau" for one in questions):
+            # By how much they are off says more than that the unit is not known.
+            self.questions = [one for one in self.questions if one.field != "units/tau"]
         self.questions += questions
 
     def _map(self, signal: str, group: Group) -> None:
         for joint, column in enumerate(group.columns):
-            self.columns[f"{signal}{joint + 1}"] = self.sample.names[column]
+            name = self.sample.names[column]
+            self.columns[f"{'tau' if name == NOT_RECORDED else signal}{joint + 1}"] = name
         self._say(f"columns/{signal}", self._shown(group), 0.95 if group.rank < 4 else 0.6, group.reason)
 
     def _shown(self, group: Group) -> str:

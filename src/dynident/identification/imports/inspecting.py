@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from dynident.arrays import FloatArray
 from dynident.identification.imports.facts import Sample
 from dynident.identification.imports.guess import propose
-from dynident.identification.imports.proposal import Proposal
+from dynident.identification.imports.proposal import Proposal, Question
+from dynident.identification.robot_recordings import recorded_joints
+from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, import_recording
 from dynident.recordings.digest import digest_of
 from dynident.recordings.formats import format_of, open_source
 from dynident.robot import Robot
@@ -36,34 +42,67 @@ class Inspection:
         return digest_of(self.path)
 
 
-def inspect_file(path: Path, robot: Robot | None) -> Inspection:
+def inspect_file(path: Path, robot: Robot | None, rate: float | None = None) -> Inspection:
     """Look at a sample of a file: at most its first 65536 rows, or 16000 of a bag.
+
+    Parameters
+    ----------
+    path : path
+        Of one file, or of several that are one recording: q.csv+dq.csv+tau.csv.
+    robot : Robot, optional
+        Whose recording it is; without it nothing is proposed.
+    rate : float, optional
+        Hz of the rows, where they have no time.
 
     Raises
     ------
     RecordingError
         For a file that cannot be read.
     """
-    sample = sample_of(path)
+    sample = sample_of(path, rate)
     return Inspection(
         path=path,
         format=format_of(path),
         columns=sample.names,
         rows=sample.values[:SHOWN_ROWS],
         n_rows_seen=len(sample.values),
-        proposal=None if robot is None else propose(sample, robot),
+        proposal=None if robot is None else _checked(propose(sample, robot), sample, robot),
     )
 
 
-def sample_of(path: Path) -> Sample:
-    """Read the first rows of a file.
+def _checked(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal:
+    """Ask, too, what would be refused when the file is read as proposed: its first rows are."""
+    if not proposal.is_sure:
+        return proposal
+    metadata = RecordingMetadata(columns=proposal.columns, units=proposal.units)
+    with TemporaryDirectory(prefix="dynident-") as folder:
+        rows = Path(folder) / "rows.parquet"
+        pq.write_table(pa.table(dict(zip(sample.names, sample.values.T, strict=True))), rows)
+        try:
+            import_recording(
+                rows, Path(folder) / "read.parquet", recorded_joints(robot), metadata=metadata, against=_told
+            )
+        except RecordingError as error:
+            refused = [one for one in error.checks if one.status == "error"]
+            asked = [Question("columns", one.detail, check=one.name) for one in refused]
+            return replace(proposal, questions=tuple(asked) or (Question("columns", error.detail),))
+    return proposal
+
+
+def _told(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...]:
+    """Say that the robot's dynamics were held against the columns already, so that friction alone need not tell."""
+    return (Check("torque_order", "ok", "Held against the robot's dynamics before."),)
+
+
+def sample_of(path: Path, rate: float | None = None) -> Sample:
+    """Read the first rows of a file, whose `rate` in Hz may be stated.
 
     Raises
     ------
     RecordingError
         For a file that cannot be read.
     """
-    source = open_source(path, None)
+    source = open_source(path, None, rate)
     parts: list[FloatArray] = []
     seen = 0
     for block in source.blocks():
@@ -72,4 +111,4 @@ def sample_of(path: Path) -> Sample:
         if seen >= source.sample_rows:
             break
     values = np.concatenate(parts) if parts else np.empty((0, len(source.names)))
-    return Sample(tuple(source.names), values, source.units)
+    return Sample(tuple(source.names), values, source.units, source.remarks)

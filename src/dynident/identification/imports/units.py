@@ -3,37 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from dynident.arrays import FloatArray
+from dynident.identification.imports.counts import counts_unit
 from dynident.identification.imports.fits import Fits
+from dynident.identification.imports.unit_guess import CLEARLY, LEAST_MOTION, MOST_MOTION, SURE, UnitGuess
 from dynident.recordings.types import JointKind
 from dynident.recordings.units import FACTORS
 from dynident.robot import Robot
 
-LEAST_MOTION = np.deg2rad(3.5)
-"""rad: whoever records a robot moves one joint at least so far."""
-MOST_MOTION = 4.0 * np.pi * 1.05
+__all__ = [
+    "SURE",
+    "UnitGuess",
+    "current_unit",
+    "factor_of",
+    "position_unit",
+    "rate_unit",
+    "reach_of",
+    "stroke_unit",
+    "torque_unit",
+]
+
 _MORE = 1.05
-_CLEARLY = 1.25
-"""Times what another unit has to leave of the torque to be ruled out."""
 _PLACEHOLDER = 5000.0
 """N m, and more than a hundred times what the robot's size needs: such limits of effort say nothing."""
 _STROKE = (0.008, 4.0)
-
-
-@dataclass(frozen=True)
-class UnitGuess:
-    """A unit, how sure it is (0 to 1), why; below `SURE` it has to be confirmed."""
-
-    unit: str
-    confidence: float
-    reason: str
-
-
-SURE = 0.8
 
 
 def factor_of(signal: str, kind: str, unit: str) -> float:
@@ -57,11 +53,16 @@ def position_unit(
             return UnitGuess(stated, 0.99, f"its name says {stated}, and the range of motion fits it")
         return UnitGuess(stated, 0.5, f"its name says {stated}, but that goes beyond the robot's limits")
     usual = [unit for unit in likely if unit in ("rad", "deg")]
+    whole = bool((q[:, turning] == np.rint(q[:, turning])).all())
+    if not {"rad", "deg"} & set(possible) and (whole or not possible):
+        counted = counts_unit(robot, turning, q, tau, fits)
+        if counted is not None:
+            return counted
     left = _left(robot, q, tau, fits, likely) if len(likely) > 1 else {}
     if left:
         ranked = sorted(left, key=lambda unit: left[unit])
         best = ranked[0]
-        clear = len(ranked) == 1 or left[ranked[1]] > _CLEARLY * left[best]
+        clear = len(ranked) == 1 or left[ranked[1]] > CLEARLY * left[best]
         if clear and len(left) == len(likely) and best in usual:
             others = ", ".join(f"{left[unit]:.0%} as {unit}" for unit in ranked[1:])
             return UnitGuess(

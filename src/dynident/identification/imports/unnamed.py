@@ -40,7 +40,13 @@ def kinds_of(
     """
     part = values[:, list(columns)]
     if len(columns) == 3 * n:
-        return _by_slopes(t, part, columns, n) or _three_blocks(t, part, columns, n)
+        found = _by_slopes(t, part, columns, n)
+        if found is None:
+            return _three_blocks(t, part, columns, n, np.max)
+        if all(is_in_order(one) for one in (found.positions, found.rates, found.efforts)):
+            return found
+        # A torque may run beside a velocity by chance: blocks side by side of which most joints say the same go first.
+        return _three_blocks(t, part, columns, n, np.median) or found
     if len(columns) != 2 * n:
         return None
     rough = roughness(t, part)
@@ -78,7 +84,9 @@ def _by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) 
     )
 
 
-def _three_blocks(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) -> Kinds | None:
+def _three_blocks(
+    t: FloatArray, part: FloatArray, columns: Sequence[int], n: int, of_joints: Callable[[list[float]], float]
+) -> Kinds | None:
     """Three signals of all joints side by side, some of which stand still: told by the joints that move."""
     correlation, _ = slopes(t, part)
     best: tuple[float, tuple[list[int], ...]] | None = None
@@ -88,7 +96,7 @@ def _three_blocks(t: FloatArray, part: FloatArray, columns: Sequence[int], n: in
                 if first == second:
                     continue
                 pairs = [correlation[a, b] for a, b in zip(blocks[first], blocks[second], strict=True)]
-                told = float(np.max(pairs))
+                told = float(of_joints(pairs))
                 if told > SLOPE and (best is None or told > best[0]):
                     rest = blocks[3 - first - second]
                     best = told, (blocks[first], blocks[second], rest)

@@ -15,15 +15,17 @@ def _words(text: str) -> frozenset[str]:
 
 
 _WORDS: dict[Signal, frozenset[str]] = {
-    "t": _words("t time timestamp stamp zeit clock temps tiempo ipoc"),
-    "q": _words("q pos position positions angle angles ang theta winkel lage stellung posicion encoder enc jpos qpos"),
+    "t": _words("t time timestamp stamp zeit clock temps tiempo ipoc datetime epoch elapsed"),
+    "q": _words(
+        "q pos position positions angle angles ang theta winkel lage stellung posicion encoder enc jpos qpos weg"
+    ),
     "dq": _words(
-        "dq qd vel velocity velocities speed omega qdot thetadot dtheta geschwindigkeit drehzahl jvel qvel spd"
+        "dq qd vel velocity velocities speed omega qdot thetadot dtheta geschwindigkeit drehzahl jvel qvel spd speeds"
     ),
     "ddq": _words("ddq qdd acc accel acceleration accelerations qddot beschleunigung"),
-    "tau": _words("tau torque torques trq moment moments drehmoment mom tq jtrq"),
+    "tau": _words("tau torque torques trq moment moments drehmoment mom tq jtrq qfrc"),
     "current": _words("current currents cur curr amp amps ampere strom iq i"),
-    "effort": _words("effort efforts eff load"),
+    "effort": _words("effort efforts eff load loads"),
     "temperature": _words("temp temperature temperatur temperatures"),
     "segment": _words("segment run episode"),
 }
@@ -33,7 +35,7 @@ _OTHER = _words(
 )
 _COMMANDED = _words(
     "d cmd command commanded commands target des desired ref reference set setpoint sp soll goal nominal planned "
-    "action ipo interpolated"
+    "action ipo interpolated ctrl computed"
 )
 _MEASURED = _words("act actual meas measured ist real feedback fb fbk msr")
 _EXTERNAL = _words("ext external contact extern")
@@ -60,10 +62,11 @@ _PAIRS = {("deg", "s"): "deg/s", ("rad", "s"): "rad/s", ("mm", "s"): "mm/s", ("m
 _SPELT = {
     "AIPos": "actual position", "ASPos": "setpoint position", "MACur": "motor current",
     "EIPos": "external axis position", "ESPos": "external axis setpoint position", "MECur": "external axis current",
-    "current_as_torque": "gravity compensated torque",
+    "current_as_torque": "gravity compensated torque", "actuator_force": "actuator effort",
 }  # fmt: skip
 """What makers' own words for signals mean: of KUKA's RobotSensorInterface (the axes E1 to E6 are not the robot's), and
-of Universal Robots' RTDE, whose currents as torques are without the load of gravity."""
+of Universal Robots' RTDE, whose currents as torques are without the load of gravity; and of MuJoCo, whose actuators'
+forces are torques where joints turn."""
 
 _LOGGERS: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
     (

@@ -24,8 +24,8 @@ class Estimator(Kind, ABC):
     equations. `in_steps`: it solves any part of the equations. `weighted`: joints count by their noise;
     `weighs_turns`: so do rows where a joint turns round, beside its others.
     `simulates`: it integrates the dynamic model along the recordings. `possible_bodies`: what it finds are bodies that
-    can exist. `tells_convergence`: its own warnings say whether it has
-    settled. `priors`: names of those that it is compared with when methods are.
+    can exist; `possible_where_free`: it is moved to such where the fit hardly changes. `tells_convergence`: its own
+    warnings say whether it has settled. `priors`: names of those that it is compared with when methods are.
     """
 
     from_reduced: ClassVar[bool] = False
@@ -34,6 +34,7 @@ class Estimator(Kind, ABC):
     weighs_turns: ClassVar[bool] = False
     simulates: ClassVar[bool] = False
     possible_bodies: ClassVar[bool] = False
+    possible_where_free: ClassVar[bool] = False
     tells_convergence: ClassVar[bool] = False
     priors: ClassVar[tuple[str, ...]] = ()
 

@@ -181,8 +181,16 @@ def _check(one: Finding, recording: Recording, q: Sequence[str], tau: Sequence[s
         f"{known} {told}: as the columns are, {why}. {_cure(one.mistake, q, tau)}{doubt}{otherwise}",
         columns[one.mistake.joints[0]],
         # Of cures that leave alike the user has to choose, and a ratio is as good as the masses of the description.
-        apply=None if one.certain and (one.alike or is_scaled) else revision_of(one.mistake, recording.n),
+        apply=None if one.certain and (_is_ambiguous(one) or is_scaled) else revision_of(one.mistake, recording.n),
     )
+
+
+def _is_ambiguous(one: Finding) -> bool:
+    """Tell whether there is another cure of other signals.
+
+    Two legs may exchange their torques as well as their positions, which gives the same robot with other names.
+    """
+    return any(len(one.mistake.pairs) < 2 or twin.joints != one.mistake.joints for twin in one.alike)
 
 
 def _gravity(robot: Robot, motion: Motion, tau: Sequence[str]) -> tuple[Check, ...]:
@@ -263,7 +271,8 @@ def _scales(
             "torque_scale",
             "warning",
             f"{'. '.join(reasons)}. It may be another unit (permille, N mm), a gear ratio or a drive gain: mend it by "
-            "units, by the robot's drives or by scale.",
+            "units, by the robot's drives or by scale. Or it is no torque: a current, a register, or the error of a "
+            "controller, which drive gains make one of.",
             tau[found[0].joint],
             apply=Revision(scale={f"tau{one.joint + 1}": 1.0 / one.power for one in found}),
         ),
@@ -281,8 +290,8 @@ def revision_of(one: Mistake, n: int) -> Revision | None:
     if not one.is_swap:
         return Revision(signs={f"{kind}{joint + 1}": -1.0 for kind in kinds for joint in one.joints})
     order = list(range(1, n + 1))
-    first, second = one.joints
-    order[first], order[second] = order[second], order[first]
+    for first, second in one.pairs:
+        order[first], order[second] = order[second], order[first]
     return Revision(permutation=dict.fromkeys(kinds, tuple(order)))
 
 
@@ -290,10 +299,13 @@ def told_of(one: Mistake, recording: Recording, q: Sequence[str], tau: Sequence[
     """A mistake in words, with the user's names of position and torque columns."""
     names = [recording.joint_names[j] for j in one.joints]
     if one.is_swap:
-        first, second = names
+        first, second = (", ".join(side) for side in (names[::2], names[1::2]))
+        torques, positions = ("; ".join(f"{kind[a]}, {kind[b]}" for a, b in one.pairs) for kind in (tau, q))
+        if len(one.pairs) > 1:
+            second = f"those of {second}"
         what = {
-            "torques swapped": f"the torques of {first} and {second} ({tau[one.joints[0]]}, {tau[one.joints[1]]})",
-            "positions swapped": f"the positions of {first} and {second} ({q[one.joints[0]]}, {q[one.joints[1]]})",
+            "torques swapped": f"the torques of {first} and {second} ({torques})",
+            "positions swapped": f"the positions of {first} and {second} ({positions})",
             "joints swapped": f"{first} and {second}, positions and torques alike,",
         }
         return f"{what[one.kind]} stand in each other's place"
@@ -343,11 +355,11 @@ def _cure(one: Mistake, q: Sequence[str], tau: Sequence[str]) -> str:
         signs = ", ".join(f'"{side}{joint + 1}": -1' for joint in one.joints)
         kept = "the joint's axis in the description" if one.kind != "torque turned" else "the sign of its drive gain"
         return f'Turn the column{"" if len(one.joints) == 1 else "s"} round ("signs": {{{signs}}}), or {kept}.'
-    first, second = (joint + 1 for joint in one.joints)
     pairs = []
-    if one.kind != "torques swapped":
-        pairs += [(f"q{first}", q[second - 1]), (f"q{second}", q[first - 1])]
-    if one.kind != "positions swapped":
-        pairs += [(f"tau{first}", tau[second - 1]), (f"tau{second}", tau[first - 1])]
+    for first, second in one.pairs:
+        if one.is_of_positions:
+            pairs += [(f"q{first + 1}", q[second]), (f"q{second + 1}", q[first])]
+        if one.is_of_torques:
+            pairs += [(f"tau{first + 1}", tau[second]), (f"tau{second + 1}", tau[first])]
     told = ", ".join(f'"{key}": "{source}"' for key, source in pairs)
     return f'Map them: "columns": {{{told}}}.'

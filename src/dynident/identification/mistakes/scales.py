@@ -66,13 +66,21 @@ def scales_of(robot: Robot, motion: Motion, excess: Mapping[int, float]) -> tupl
         return _by_friction(excess) or None
     middle = _middle(told) or 1.0
     if not 1.0 / FAR_OF_VOTES < middle < FAR_OF_VOTES:
-        return tuple(Scale(joint, middle, _power(middle)) for joint in range(robot.n))
+        # The majority may be of another make, and the others right.
+        right = {joint for joint, (times, share) in enumerate(told) if _agrees(times, share)}
+        middle = _middle([told[joint] for joint in range(robot.n) if joint not in right]) or middle
+        return tuple(Scale(joint, middle, _power(middle)) for joint in range(robot.n) if joint not in right)
     explained = {joint: times for joint, (times, share) in enumerate(told) if share >= EXPLAINED and times > 0}
     by_masses = (
         Scale(joint, times, _power(times)) for joint, times in explained.items() if not 1.0 / FAR < times < FAR
     )
     others = {joint: times for joint, times in excess.items() if joint not in explained}
     return (*by_masses, *_by_friction(others))
+
+
+def _agrees(times: float, share: float) -> bool:
+    """Tell whether a torque is what the masses of the description need, as far as it tells."""
+    return share >= EXPLAINED_OF_GROUP and 1.0 / FAR_OF_VOTES < times < FAR_OF_VOTES
 
 
 def heavy_joints(robot: Robot, motion: Motion) -> set[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -166,7 +167,8 @@ class _Step(NamedTuple):
 def _best(judge: Judge, robot: Robot, motion: Motion, now: Left) -> _Step | None:
     """The mistake without which least is left of a motion; None where none is told."""
     sizes = _Sizes(load_of(robot, motion), judge.frictions(motion), _excess(judge, robot, motion))
-    among = mistakes_among(now.moving, parallel_to_the_one_before(robot))
+    has_torque = np.ptp(motion.tau, axis=0) > 0
+    among = mistakes_among(now.moving, parallel_to_the_one_before(robot), has_torque, chains_of(robot))
     off = _joints_off(sizes.frictions)
     possible = [one for one in among if one.joints not in off and _may_be(one, robot, motion, sizes)]
     tried = [(one, judge.left(one.mended(motion))) for one in possible]
@@ -248,6 +250,18 @@ def motion_to_judge(recording: Recording, judges: Judges) -> tuple[Motion, float
 def _is_enough(motion: Motion, judge: Judge) -> bool:
     """Whether there are rows enough to tell anything."""
     return len(thinned(motion).q) * int(moving_joints(motion).sum()) >= _ROWS_PER_COLUMN * judge.n_columns
+
+
+def chains_of(robot: Robot) -> list[list[int]]:
+    """Give the joints of each chain without branches: of every leg, or arm, of a robot."""
+    children = Counter(joint.parent for joint in robot.joints)
+    chains: list[list[int]] = []
+    for k, joint in enumerate(robot.joints):
+        if chains and joint.parent == chains[-1][-1] and children[joint.parent] == 1:
+            chains[-1].append(k)
+        else:
+            chains.append([k])
+    return chains
 
 
 def parallel_to_the_one_before(robot: Robot) -> BoolArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
@@ -44,11 +44,12 @@ class Motion:
 
 @dataclass(frozen=True)
 class Mistake:
-    """One mistake: two joints whose columns stand in each other's place, or joints whose sign or size is another.
+    """One mistake: joints whose columns stand in each other's place, or joints whose sign or size is another.
 
-    Of a joint that is swapped or turned, both position and torque are. `factor` mends torques that are scaled. Of two
-    joints that are coupled, the first is counted from the second: its position is that of the column less `factor`
-    times the second's.
+    Joints that are swapped stand side by side, pair after pair: (0, 3, 1, 4) are 0 with 3, and 1 with 4. Of a joint
+    that is swapped or turned, both position and torque are. `factor` mends torques that are scaled. Of two joints that
+    are coupled, the first is counted from the second: its position is that of the column less `factor` times the
+    second's.
     """
 
     kind: Kind
@@ -59,6 +60,11 @@ class Mistake:
     def is_swap(self) -> bool:
         """Whether two joints stand in each other's place."""
         return self.kind in _SWAPS
+
+    @property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """The joints that stand in each other's place."""
+        return tuple(zip(self.joints[::2], self.joints[1::2], strict=True)) if self.is_swap else ()
 
     @property
     def is_of_positions(self) -> bool:
@@ -80,8 +86,8 @@ class Mistake:
         n = motion.q.shape[1]
         order, sign = np.arange(n), np.ones(n)
         if self.is_swap:
-            first, second = self.joints
-            order[first], order[second] = second, first
+            for first, second in self.pairs:
+                order[first], order[second] = second, first
         elif self.kind != "joint coupled":
             sign[list(self.joints)] = self.factor if self.kind == "torque scaled" else -1.0
         q, dq, ddq, tau = motion.q, motion.dq, motion.ddq, motion.tau
@@ -108,17 +114,25 @@ def alone(motion: Motion, joints: tuple[int, ...]) -> Motion:
     return replace(motion, tau=tau)
 
 
-def mistakes_among(moving: BoolArray, parallel: BoolArray | None = None) -> Iterator[Mistake]:
+def mistakes_among(
+    moving: BoolArray,
+    parallel: BoolArray | None = None,
+    has_torque: BoolArray | None = None,
+    chains: Sequence[Sequence[int]] = (),
+) -> Iterator[Mistake]:
     """Yield all mistakes that may have been made, those of the whole robot first.
 
     Parameters
     ----------
     moving : (n,)
         Joints that move: of the others nothing can be told.
-    parallel : (n,), optional
-        Joints whose axis is parallel to that of the joint before: their angle may be counted from that joint's.
+    has_torque : (n,), optional
+        Joints whose torque is not the same throughout: nobody has exchanged one that was not recorded.
+    chains : sequence of joints, optional
+        The joints of each arm, or leg, of the robot.
     """
     yield from _of_many_joints(moving)
+    yield from _of_whole_chains(moving, chains)
     if parallel is not None:
         for index in np.flatnonzero(parallel & moving):
             pair = (int(index), int(index) - 1)
@@ -127,12 +141,27 @@ def mistakes_among(moving: BoolArray, parallel: BoolArray | None = None) -> Iter
     for first, second in combinations(range(len(moving)), 2):
         if moving[first] and moving[second]:
             yield from (Mistake(kind, (first, second)) for kind in _SWAPS)
-        elif moving[first] or moving[second]:
+        elif (moving[first] or moving[second]) and (has_torque is None or has_torque[[first, second]].all()):
             # Of a joint at rest nothing is told but that its column does not hold the other's torque.
             yield Mistake("torques swapped", (first, second))
     for joint in joints:
         yield from (Mistake(kind, (joint,)) for kind in _TURNS)
         yield from (Mistake("torque scaled", (joint,), factor) for factor in FACTORS)
+
+
+def _of_whole_chains(moving: BoolArray, chains: Sequence[Sequence[int]]) -> Iterator[Mistake]:
+    """Yield exchanges of the columns of whole chains of joints, and columns in the order from the last joint on."""
+    n = len(moving)
+    alike = [(one, other) for one, other in combinations(chains, 2) if len(one) == len(other) > 1]
+    exchanges: list[tuple[tuple[Sequence[int], Sequence[int]], ...]] = [(pair,) for pair in alike]
+    # Both of two pairs of legs, as where left is taken for right.
+    exchanges += [both for both in combinations(alike, 2) if len({id(one) for pair in both for one in pair}) == 4]
+    swaps = [[two for one, other in pairs for two in zip(one, other, strict=True)] for pairs in exchanges]
+    kinds = [(swap, _SWAPS[:2]) for swap in swaps]
+    kinds += [([(k, n - 1 - k) for k in range(n // 2)], _SWAPS)] if n > 3 else []
+    for swap, possible in kinds:
+        if all(moving[first] or moving[second] for first, second in swap):
+            yield from (Mistake(kind, tuple(joint for two in swap for joint in two)) for kind in possible)
 
 
 def _of_many_joints(moving: BoolArray) -> Iterator[Mistake]:

@@ -15,14 +15,16 @@ from dynident.robot.model import Robot
 _POSTURES = 400
 
 
-def smallest_inertia_eigenvalue(model: Model, values: FloatArray, *, seed: int = 0) -> float:
+def smallest_inertia_eigenvalue(
+    model: Model, values: FloatArray, *, seed: int = 0, postures: FloatArray | None = None
+) -> float:
     """The smallest eigenvalue of A(q), scaled to a unit diagonal, over random postures within the joints' limits.
 
     Scaled because a wrist's inertia is a thousandth of a shoulder's: the sign is what counts. Nothing above zero is
-    proof for postures in between; one below zero is proof that the model is not physical.
+    proof for postures in between; one below zero is proof that the model is not physical. `postures` (m, n): look at
+    these instead.
     """
-    robot = model.robot
-    n = robot.n
+    n = model.robot.n
     inertial = [k for k, c in enumerate(model.kept) if effect_by_id(c.effect).is_inertia]
     if not inertial:
         return float("nan")
@@ -32,7 +34,8 @@ def smallest_inertia_eigenvalue(model: Model, values: FloatArray, *, seed: int =
         observation = observation.parts[0]
     inertial_values = np.zeros(observation.n_columns)
     inertial_values[inertial] = values[inertial]
-    torque = observation.torque(_unit_accelerations(observation, seed), inertial_values)
+    entries = _of_random(observation, seed) if postures is None else _unit_accelerations(observation, postures)
+    torque = observation.torque(entries, inertial_values)
     matrix = torque.reshape(n, -1, n).transpose(1, 2, 0)
     matrix = 0.5 * (matrix + matrix.transpose(0, 2, 1))
     diagonal = np.diagonal(matrix, axis1=1, axis2=2)
@@ -59,10 +62,13 @@ def joint_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
 
 
 @lru_cache(maxsize=4)
-def _unit_accelerations(observation: Observation, seed: int) -> FloatArray:
+def _of_random(observation: Observation, seed: int) -> FloatArray:
+    return _unit_accelerations(observation, random_postures(observation.robot, _POSTURES, seed))
+
+
+def _unit_accelerations(observation: Observation, q: FloatArray) -> FloatArray:
     """Entries (n · postures, k) of W for a unit acceleration of each joint in turn, less those at rest."""
     n = observation.robot.n
-    q = random_postures(observation.robot, _POSTURES, seed)
     accelerations = np.repeat(np.vstack([np.zeros(n), np.eye(n)]), len(q), axis=0)
     entries = observation.evaluate(
         np.tile(q, (n + 1, 1)),

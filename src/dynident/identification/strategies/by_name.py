@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from dynident.errors import DynidentError
 from dynident.identification.choices import IdentificationChoices
+from dynident.identification.estimators.feasible import move_where_free
 from dynident.identification.fit import Fit
 from dynident.identification.prior.prior import with_prior_said
 from dynident.identification.problem import Problem
@@ -21,6 +22,9 @@ def fit(choices: IdentificationChoices, problem: Problem) -> Fit:
     """
     _check_together(choices, problem)
     found = choices.plan.solve(choices, problem)
+    # What several steps found is what every one of them says; all of it moved at once would be that no more.
+    if choices.solver.possible_where_free and choices.plan.at_once:
+        found = move_where_free(problem.model, problem.data.equations, found, choices.trust)
     if choices.prior is not None:
         found = with_prior_said(problem.model, problem.data, found)
     friction = problem.data.friction

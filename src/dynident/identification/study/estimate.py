@@ -13,6 +13,7 @@ from dynident.effects import ReferenceParameters, role_of
 from dynident.effects.written import constant_in_words
 from dynident.estimation import Solution, Statistics, noise_of_rows
 from dynident.estimation.deviations import owed_to_known
+from dynident.estimation.least_squares import floored
 from dynident.identification.parameters.judgement import ParameterJudgement, judged
 from dynident.identification.parameters.standard import StandardParameters
 from dynident.identification.shapes.shape_constants import ShapeConstant
@@ -98,6 +99,8 @@ class Estimate:
     ) -> Estimate:
         """A solution with what its data say of it beside the statistics."""
         noise = statistics.noise if data.all_rows_alike else noise_of_rows(data.training, solution.values)
+        # A joint without rows has no residual, and what is divided by its noise must stay a number.
+        noise = floored(noise)
         owed = owed_to_known(data.equations, solution)
         return cls(model, reference, solution, statistics, noise, owed, standard, not_essential, shape_constants)
 

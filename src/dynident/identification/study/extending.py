@@ -17,6 +17,7 @@ from dynident.identification.study.poses import ACTING_AT_REST, are_poses, ident
 from dynident.identification.study.result import Identification, LadderStep
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
+from dynident.recordings.sample_hashes import copied_recordings
 from dynident.regressors.extension import extended_model
 from dynident.threads import single_threaded
 
@@ -61,6 +62,7 @@ def extend(
             pointer="/effects",
             title="Nothing to add",
         )
+    grown = replace(grown, data=replace(grown.data, copied=copied_recordings(recordings, validation)))
     if not idle:
         return grown
     left_out = f"{', '.join(idle)} added nothing beside the others and was left out."

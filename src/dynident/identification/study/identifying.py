@@ -5,8 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.equations.checks import check_recordings, check_runs, check_temperature
+from dynident.identification.equations.checks import (
+    check_joint_torques,
+    check_recordings,
+    check_runs,
+    check_temperature,
+)
 from dynident.identification.equations.data import motions_and_friction
 from dynident.identification.equations.model_equations import with_constants
 from dynident.identification.shapes.shapes import check_shapes_given
@@ -17,9 +24,17 @@ from dynident.identification.study.preparing import prepared
 from dynident.identification.study.result import Identification
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording, choose_preprocessing
+from dynident.recordings.sample_hashes import copied_recordings
 from dynident.regressors.model import build_model
 from dynident.robot.model import Robot
 from dynident.threads import single_threaded
+
+
+def without_unrecorded_torques(robot: Robot, recordings: Sequence[Recording]) -> Robot:
+    """Give the robot as a model of it can be identified: what no recording has the torque for is left out."""
+    recorded = np.any([recording.has_torque for recording in recordings], axis=0)
+    names = tuple(name for name, known in zip(robot.joint_names, recorded, strict=True) if not known)
+    return replace(robot, joints_without_torque=names) if names != robot.joints_without_torque else robot
 
 
 @single_threaded
@@ -54,16 +69,19 @@ def identify(
     check_temperature(choices.effects, recordings, validation)
     check_runs(choices.effects, recordings, validation)
     ordinary, _ = motions_and_friction(recordings)
+    check_joint_torques(choices.model, ordinary)
+    robot = without_unrecorded_torques(robot, ordinary)
     preprocessing = choices.preprocessing or choose_preprocessing(ordinary)
     rows, preprocessing = with_constants(choices.rows_asked, ordinary, preprocessing)
     check_shapes_given(choices.effects)
     effects, reference = prepared(robot, choices, ordinary, preprocessing, part(progress, 0.0, 0.5))
     choices = replace(choices, effects=effects, pole=rows.pole, interval=rows.interval)
     model = build_model(robot, choices.effects, tolerance=choices.tolerance)
-    found = identify_model(model, recordings, validation, choices, preprocessing, reference, part(progress, 0.5, 1.0))
+    told = part(progress, 0.5, 1.0)
+    found = identify_model(model, recordings, validation, choices, preprocessing, reference, told)
     narrow = None if given.preprocessing else narrow_band(found, ordinary)
-    if narrow is None:
-        return found
-    band, why = narrow
-    found = identify(robot, recordings, validation, replace(given, preprocessing=band), progress)
-    return replace(found, warnings=(why, *found.warnings))
+    if narrow is not None:
+        band, why = narrow
+        found = identify(robot, recordings, validation, replace(given, preprocessing=band), progress)
+        return replace(found, warnings=(why, *found.warnings))
+    return replace(found, data=replace(found.data, copied=copied_recordings(recordings, validation)))

@@ -19,7 +19,8 @@ class ReducedData:
     the joints' torques in these and in the validation data, one equation a joint, whatever the model (for the dynamic
     model `training` is `equations`); `shaped` the torques of `training` in the model's columns and, behind them, those
     of `shape_columns`, None where no effect has constants or these cannot be looked at. `preprocessing`: how the
-    recordings were filtered; `measurement_names` and `validation_names`: what they are called.
+    recordings were filtered; `measurement_names` and `validation_names`: what they are called; `copied`: those of
+    the validation data that hold samples of the fit, so that the held-out error is not one.
     """
 
     equations: Reduction
@@ -29,6 +30,7 @@ class ReducedData:
     preprocessing: Preprocessing
     measurement_names: tuple[str, ...] = ()
     validation_names: tuple[str, ...] = ()
+    copied: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         held_out = ", ".join(self.validation_names) or "nothing"

@@ -112,6 +112,7 @@ def _arrays(identification: Identification) -> dict[str, Any]:
             "warnings": identification.warnings,
             "measurement_names": data.measurement_names,
             "validation_names": data.validation_names,
+            "copied": data.copied,
             "added": [asdict(choice) for choice in identification.step.added],
             "removed": [asdict(choice) for choice in identification.step.removed],
             "not_essential": estimate.not_essential,
@@ -213,6 +214,7 @@ def _data(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> ReducedData:
         preprocessing=_preprocessing(header["preprocessing"]),
         measurement_names=tuple(header["measurement_names"]),
         validation_names=tuple(header["validation_names"]),
+        copied=tuple(header.get("copied", ())),
     )
 
 

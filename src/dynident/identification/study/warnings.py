@@ -38,10 +38,24 @@ def warnings_of(identification: Identification) -> tuple[str, ...]:
     found += _excitation(identification)
     found += _overfit(identification)
     found += _friction_signs(identification)
+    found += _without_torque(identification)
     absorbed = [f"{column.effect} ({column.name})" for column in identification.model.absorbed]
     if absorbed:
         found.append(f"Not separable from other parameters, and therefore left out: {', '.join(absorbed)}.")
     return tuple(found)
+
+
+def _without_torque(identification: Identification) -> list[str]:
+    """Say what is not known of joints whose torque was not recorded."""
+    model = identification.model
+    if not model.robot.joints_without_torque:
+        return []
+    hidden = ", ".join(column.name for column in model.hidden)
+    return [
+        f"No recording has the torque of {', '.join(model.robot.joints_without_torque)}. The motion is used; what only "
+        f"the joint's own equation would show is not identifiable from this data{f' ({hidden})' if hidden else ''}, "
+        "and what the model says of such a torque is that of the links alone, and was held against no data."
+    ]
 
 
 def _disturbed(identification: Identification) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +11,7 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
+from dynident.motion.surroundings.assumed import FLOOR_ASSUMED, assume_floor
 from dynident.motion.surroundings.clearance import Ball, Clearances, Hindrances, Part, balls_along
 from dynident.motion.surroundings.contacts import ContactCheck, SolidPair, half_space_solid, pair_of, solid_of
 from dynident.motion.surroundings.loop_rooms import LoopRooms
@@ -28,7 +29,8 @@ _MOSTLY = 0.5
 # Capsules that never come as near as this (m) in the postures looked at are not followed while optimising.
 _NEAR = 0.1
 _SPARE = 1e-3
-_SHARE_OF_ATTAINABLE = 0.9
+# Half: links near the floor that are not quite round come a little nearer to it as they turn.
+_SHARE_OF_ATTAINABLE = 0.5
 _POSTURES_OF_A_PAIR, _UNCHANGED = 20, 1e-6
 
 
@@ -36,7 +38,8 @@ _POSTURES_OF_A_PAIR, _UNCHANGED = 20, 1e-6
 class FreeSpace:
     """What a motion must stay clear of; `clearances` for optimising, `contacts` for the verdict, `None` for nothing.
 
-    `tool` is where the tool may go, at `tool_joint`; `loops` what joints that are not driven have to keep.
+    `tool` is where the tool may go, at `tool_joint`; `loops` what joints that are not driven have to keep. Of all that
+    is around the robot only a floor may be `assumed`.
     """
 
     robot: Robot
@@ -45,6 +48,7 @@ class FreeSpace:
     tool: ToolRange | None
     notes: tuple[str, ...]
     loops: LoopRooms | None = None
+    assumed: bool = False
 
     @cached_property
     def rooms(self) -> Rooms | None:
@@ -123,19 +127,23 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
     DynidentError
         There are obstacles, but nothing is known of the robot's shape; or a name that there is not.
     """
+    surroundings, assumed_radius = assume_floor(robot, surroundings, low, high)
     tool, tree = surroundings.tool_range, robot.tree
     if not (surroundings.self_collision or surroundings.has_obstacles or tool is not None):
         return None
-    geometry = collision_geometry(
-        robot, mesh_folders=[Path(folder) for folder in surroundings.mesh_folders], link_radius=surroundings.link_radius
-    )
-    _check_geometry(geometry, surroundings)
+    folders = [Path(folder) for folder in surroundings.mesh_folders]
+    geometry = collision_geometry(robot, mesh_folders=folders, link_radius=surroundings.link_radius)
+    above_floor = geometry
+    if assumed_radius is not None and geometry.bare and surroundings.link_radius is None:
+        above_floor = collision_geometry(robot, mesh_folders=folders, link_radius=assumed_radius)
+    _check_geometry(above_floor, surroundings)
     may_touch = _may_touch(robot, geometry, surroundings)
     postures = _closed_ones(robot, np.random.default_rng(0).uniform(low, high, (_POSTURES, robot.n)))
     ends = (low, high) if robot.linkage is None else _ends_of(robot.linkage.positions(postures))
-    solids = {body.joint: solid_of(body.name, body.joint, body.shapes) for body in geometry.bodies}
+    solids = {body.joint: solid_of(body.name, body.joint, body.shapes) for body in above_floor.bodies}
     own: list[SolidPair] = []
-    notes = list(geometry.notes)
+    assumed = assumed_radius is not None
+    notes = [*([FLOOR_ASSUMED] if assumed else []), *dict.fromkeys((*geometry.notes, *above_floor.notes))]
     if surroundings.self_collision:
         candidates = [
             pair_of(tree, solids[b.joint], solids[a.joint], ends, surroundings.clearance)
@@ -149,7 +157,7 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
         notes += _self_collision_notes(geometry, touching)
     obstacles = [half_space_solid(half.name, half.normal, half.offset) for half in half_spaces_of(surroundings)]
     obstacles += [solid_of(box.solid_name, BASE, [block_of(box)]) for box in surroundings.boxes]
-    moving = [body for body in geometry.bodies if body.joint != BASE]
+    moving = [body for body in above_floor.bodies if body.joint != BASE]
     against = [
         pair_of(tree, solids[body.joint], obstacle, ends, surroundings.clearance)
         for body in moving
@@ -157,11 +165,11 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
     ]
     against, told = _changeable(robot, against, postures, surroundings.clearance)
     notes += told
-    against, told = _attainable(robot, against, postures)
+    against, told = _attainable(robot, against, postures, drop=assumed)
     notes += told
-    if obstacles and geometry.bare:
-        notes.append(f"Not kept from the surroundings, for want of collision geometry: {listed(geometry.bare)}.")
-    hindrances = _hindrances(robot, geometry, own, against, surroundings, postures)
+    if obstacles and above_floor.bare:
+        notes.append(f"Not kept from the surroundings, for want of collision geometry: {listed(above_floor.bare)}.")
+    hindrances = _hindrances(robot, above_floor, own, against, surroundings, postures)
     pairs = [*own, *against]
     if not pairs and tool is None and not notes:
         return None
@@ -171,6 +179,7 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
         contacts=ContactCheck(robot, pairs) if pairs else None,
         tool=tool,
         notes=tuple(notes),
+        assumed=assumed,
     )
 
 
@@ -202,14 +211,20 @@ def _changeable(
     return kept, [f"No motion changes how near these are, so it is not checked: {listed(near)}."] if near else []
 
 
-def _attainable(robot: Robot, pairs: Sequence[SolidPair], postures: FloatArray) -> tuple[list[SolidPair], list[str]]:
+def _attainable(
+    robot: Robot, pairs: Sequence[SolidPair], postures: FloatArray, *, drop: bool
+) -> tuple[list[SolidPair], list[str]]:
     """Pairs with the clearance that can be kept: less than wanted where they are nearer than that in every posture.
 
-    An arm that stands on a floor has its first links near it, and one end of them does not move away.
+    An arm that stands on a floor has its first links near it, and one end of them does not move away. With `drop`,
+    pairs that always touch are left out, as such a floor is not where it was assumed for them.
     """
     check, kept, notes = ContactCheck(robot, pairs), [], []
     for pair in pairs:
         farthest = float(check.distances(pair, postures).max())
+        if farthest <= 0 and drop:
+            notes.append(f"They touch in every posture, so it is not checked: {pair.name}.")
+            continue
         if 0 < farthest < pair.clearance:
             less = _SHARE_OF_ATTAINABLE * farthest
             notes.append(
@@ -282,13 +297,18 @@ def _hindrances(
     }
     capsules = [(b, a) for pair in own for b in parts[pair.moving.joint] for a in parts[pair.other.joint]]
     moving = [part for joint, found in parts.items() if joint != BASE for part in found]
-    half_spaces = [
-        (Ball(part.joint, end, part.capsule.radius), half)
-        for half in half_spaces_of(surroundings)
-        for part in moving
-        if (part.joint, half.name) in kept_from
-        for end in (part.capsule.start, part.capsule.end)
-    ]
+    half_spaces = _attainable_ends(
+        robot,
+        [
+            (Ball(part.joint, end, part.capsule.radius), half)
+            for half in half_spaces_of(surroundings)
+            for part in moving
+            if (part.joint, half.name) in kept_from
+            for end in (part.capsule.start, part.capsule.end)
+        ],
+        kept_from,
+        postures,
+    )
     planes = _tool_planes(robot, surroundings)
     beside = [
         (ball, box)
@@ -309,8 +329,25 @@ def _hindrances(
         tuple(followed),
         (*half_spaces, *planes),
         tuple((ball, block_of(box)) for ball, box in beside),
-        np.array(wanted) + _SPARE,
+        np.array(wanted) + np.minimum(_SPARE, 0.1 * np.array(wanted)),
     )
+
+
+def _attainable_ends(
+    robot: Robot,
+    ends: Sequence[tuple[Ball, HalfSpace]],
+    kept_from: Mapping[tuple[int, str], float],
+    postures: FloatArray,
+) -> list[tuple[Ball, HalfSpace]]:
+    """Ends of capsules that can be as far from a plane as wanted: those around a first link near the floor never are.
+
+    What the capsules enclose is checked against the plane all the same.
+    """
+    if not ends:
+        return []
+    wanted = np.array([kept_from[ball.joint, half.name] for ball, half in ends])
+    rooms = Clearances(robot, Hindrances(half_spaces=tuple(ends), clearance=wanted + _SPARE)).evaluate(postures).values
+    return [end for end, farthest in zip(ends, rooms.max(axis=0), strict=True) if farthest >= 0]
 
 
 def _followed(

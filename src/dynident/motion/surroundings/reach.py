@@ -12,7 +12,8 @@ from dynident.robot import Robot
 from dynident.robot.kinematics import joint_frames
 
 NOTHING_STATED = "NOTHING AROUND THE ROBOT IS CHECKED"
-"""How the note begins that says so."""
+FLOOR_ALONE = "NOTHING BUT A FLOOR THROUGH THE BASE IS CHECKED"
+"""How the notes begin that say so."""
 _BELOW = 1e-3
 """Metres below the base plane that are rounding."""
 
@@ -51,15 +52,18 @@ def measure_reach(robot: Robot, t: FloatArray, q: FloatArray) -> Reach:
     )
 
 
-def reach_notes(robot: Robot, t: FloatArray, q: FloatArray, surroundings: Surroundings) -> tuple[str, ...]:
+def reach_notes(
+    robot: Robot, t: FloatArray, q: FloatArray, surroundings: Surroundings, *, floor_assumed: bool = False
+) -> tuple[str, ...]:
     """Say how far a motion goes where neither a floor nor anything else around the robot was stated; else nothing."""
     if surroundings.has_obstacles or surroundings.tool_range is not None:
         return ()
     reach = measure_reach(robot, t, q)
     height = f"{abs(reach.lowest):.2f} m {'below' if reach.lowest < 0 else 'above'} the base plane"
     below = f", below that plane for {reach.below:.0%} of the time" if reach.below else ""
+    said = FLOOR_ALONE if floor_assumed else NOTHING_STATED
     return (
-        f"{NOTHING_STATED}: no floor, wall or box was stated (surroundings). Lowest comes {reach.lowest_joint}, "
+        f"{said}: no floor, wall or box was stated (surroundings). Lowest comes {reach.lowest_joint}, "
         f"{height} at {reach.lowest_time:.1f} s{below}; widest {reach.widest_joint}, {reach.widest:.2f} m from the "
         "base's axis; links and tool reach further. See that this is free, and run it at a third of the speed first.",
     )

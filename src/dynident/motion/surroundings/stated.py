@@ -67,6 +67,9 @@ class Surroundings:
         at_least=-FARTHEST,
         at_most=FARTHEST,
     )
+    assume_floor: bool = said(
+        "Where nothing around an upright robot is stated, a floor through its base is assumed", default=True
+    )
     walls: tuple[Wall, ...] = said(default=(), most=50)
     boxes: tuple[Box, ...] = said(default=(), most=50)
     tool_range: ToolRange | None = said(default=None)

@@ -25,7 +25,8 @@ class Signals:
     `sources` are the user's names. `needed` (c,): those that have to hold numbers; `smooth` (c,): positions; `turning`
     (c,): angles; `fastest` (c,): speed in rad/s or m/s that is impossible, inf of what is no position; `limits`:
     position limits by column. `velocity`: the column of an angle's logged velocity.
-    `position`: that of the position of a torque's joint.
+    `position`: that of the position of a torque's joint. `factors`, `offsets` (c,): what made SI units of the file's
+    numbers; `registers`: columns, by kind of signal, that may be registers.
     """
 
     sources: tuple[str, ...]
@@ -37,6 +38,9 @@ class Signals:
     velocity: dict[int, int]
     position: dict[int, int]
     step: float
+    factors: FloatArray
+    offsets: FloatArray
+    registers: dict[str, tuple[int, ...]]
 
     @classmethod
     def from_layout(cls, layout: Layout, limits: tuple[JointLimits, ...], base: TimeBase) -> Signals:
@@ -70,4 +74,15 @@ class Signals:
             velocity=velocity,
             position={layout.place("tau").start + joint: joint for joint in range(len(layout.tau))},
             step=base.typical,
+            factors=np.array([column.factor for column in layout.columns]),
+            offsets=np.array([column.offset for column in layout.columns]),
+            registers={kind: _register_columns(kind, layout) for kind in ("q", "tau")},
         )
+
+
+def _register_columns(kind: str, layout: Layout) -> tuple[int, ...]:
+    """Give the columns of a kind of signal that are the file's own numbers, but for their unit."""
+    if kind == "tau" and layout.mixing is not None:
+        return ()
+    silent = layout.without_torque if kind == "tau" else ()
+    return tuple(layout.place(kind).start + j for j in range(len(layout.q)) if j not in silent)

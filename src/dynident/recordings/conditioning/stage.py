@@ -10,6 +10,7 @@ from dynident.recordings.conditioning.bridging import BridgedGaps, MissingValues
 from dynident.recordings.conditioning.corrupted import CorruptedSamples
 from dynident.recordings.conditioning.held import HeldSamples
 from dynident.recordings.conditioning.idle import IdleDrives
+from dynident.recordings.conditioning.registers import SignedRegisters
 from dynident.recordings.conditioning.signals import Signals
 from dynident.recordings.conditioning.windows import Window, overlapping_windows
 from dynident.recordings.conditioning.wraps import WrappedAngles
@@ -33,7 +34,8 @@ class Step(Protocol):
 
 
 STEPS: dict[str, Callable[[Signals], Step]] = {
-    step.name: step for step in (MissingValues, HeldSamples, IdleDrives, CorruptedSamples, WrappedAngles, BridgedGaps)
+    step.name: step
+    for step in (MissingValues, SignedRegisters, HeldSamples, IdleDrives, CorruptedSamples, WrappedAngles, BridgedGaps)
 }
 """The steps in their order: what is missing or corrupted must not be taken for a turn, and what they leave open is
 bridged at the end."""

@@ -13,14 +13,13 @@ from dynident.arrays import FloatArray
 from dynident.recordings.arrow import from_numbers
 from dynident.recordings.file_limits import BLOCK_VALUES, TITLE, check_columns, rows_of_block
 from dynident.recordings.formats.messages import Samples, samples_of
+from dynident.recordings.joining import JoinedRows, Series, TimeJoin
 from dynident.recordings.raw import FileSource
 from dynident.recordings.types import RecordingError
 
 BLOCK_SAMPLES = 8192
 _LOOKED_AT = 20_001
 _LOOKED_AT_VALUES = 2 * BLOCK_VALUES
-_LONGEST_STEP = 10.0
-"""Usual steps of a topic beyond which it is not read between its samples."""
 
 
 class BagSource(FileSource):
@@ -75,91 +74,26 @@ class BagSource(FileSource):
         return topics, main, float(min(stamps.min() for stamps in times.values())), steps
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        series = {topic: _Series(names, self._steps[topic]) for topic, names in self._topics.items()}
-        main = series[self._main]
+        series = {topic: Series(names, self._steps[topic]) for topic, names in self._topics.items()}
+        join = TimeJoin(series, self._main, self._block_samples)
         stream, self._ahead = self._ahead or samples_of(self._path, self._format), None
         for samples in stream:
-            one = series.get(samples.topic)
-            if one is None:
+            if samples.topic not in series:
                 continue
-            one.add(samples, self._start)
-            if len(main) >= self._block_samples and one is main:
-                yield from self._joined(series, columns, last=False)
-        yield from self._joined(series, columns, last=True)
+            join.add(samples.topic, samples.times - self._start, samples.names, samples.values)
+            if join.is_full and samples.topic == self._main:
+                yield from self._batch(join.rows(), columns)
+        yield from self._batch(join.rows(last=True), columns)
 
-    def _joined(self, series: dict[str, _Series], columns: list[str], *, last: bool) -> Iterator[pa.RecordBatch]:
-        """Give the rows that every topic has reached, and forget them."""
-        main = series[self._main]
-        until = np.inf if last else min(one.latest for one in series.values() if len(one))
-        stalled = len(main) >= 8 * self._block_samples  # a topic that has fallen silent is not waited for
-        stamps, rows = main.taken(np.inf if stalled else until)
-        if not len(stamps):
+    def _batch(self, joined: JoinedRows, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        if not len(joined.times):
             return
-        values = {"t": stamps}
-        for topic, one in series.items():
-            table = rows if one is main else one.at(stamps)
-            values.update({f"{topic}/{name}": table[:, index] for index, name in enumerate(one.names)})
-            if one is not main:
-                one.forget(float(stamps[-1]))
+        values = {"t": joined.times}
+        for topic, names in self._topics.items():
+            values |= {f"{topic}/{name}": joined.values[topic][:, index] for index, name in enumerate(names)}
         yield pa.RecordBatch.from_arrays(
             [from_numbers(np.ascontiguousarray(values[name], dtype=np.float64)) for name in columns], names=columns
         )
-
-
-class _Series:
-    """The samples of one topic that are still needed."""
-
-    def __init__(self, names: tuple[str, ...], step: float) -> None:
-        self.names, self._step = names, step
-        self._places = {name: index for index, name in enumerate(names)}
-        self._times, self._rows = np.empty(0), np.empty((0, len(names)))
-
-    def __len__(self) -> int:
-        return len(self._times)
-
-    @property
-    def latest(self) -> float:
-        return float(self._times[-1])
-
-    def add(self, samples: Samples, start: float) -> None:
-        rows = np.full((len(samples.times), len(self.names)), np.nan)
-        known = [index for index, name in enumerate(samples.names) if name in self._places]
-        rows[:, [self._places[samples.names[index]] for index in known]] = samples.values[:, known]
-        self._times = np.concatenate([self._times, samples.times - start])
-        self._rows = np.concatenate([self._rows, rows])
-
-    def taken(self, until: float) -> tuple[FloatArray, FloatArray]:
-        """Give the samples up to a time, and forget them."""
-        count = int(np.searchsorted(np.maximum.accumulate(self._times), until, side="right"))
-        times, rows = self._times[:count], self._rows[:count]
-        self._times, self._rows = self._times[count:], self._rows[count:]
-        return times, rows
-
-    def at(self, stamps: FloatArray) -> FloatArray:
-        """(m, columns): between the samples in a straight line; NaN where there are none near."""
-        result = np.full((len(stamps), len(self.names)), np.nan)
-        if not len(self):
-            return result
-        order = np.argsort(self._times, kind="stable")
-        times, rows = self._times[order], self._rows[order]
-        after = np.clip(np.searchsorted(times, stamps), 0, len(times) - 1)
-        before = np.maximum(after - 1, 0)
-        longest = _LONGEST_STEP * max(self._step, 1e-9)
-        near = np.where(
-            stamps > times[-1],
-            stamps - times[-1],
-            np.where(stamps < times[0], times[0] - stamps, times[after] - times[before]),
-        )
-        for index in range(len(self.names)):
-            result[:, index] = np.interp(stamps, times, rows[:, index])
-        result[near > longest] = np.nan
-        return result
-
-    def forget(self, before: float) -> None:
-        """Keep the last sample before a time, and what follows it."""
-        count = int(np.searchsorted(self._times, before, side="right")) - 1
-        if count > 0:
-            self._times, self._rows = self._times[count:], self._rows[count:]
 
 
 def bag_source(path: Path, name: str) -> BagSource:

@@ -6,11 +6,18 @@ from pathlib import Path
 from typing import get_args
 
 from dynident.encoding import encodable
+from dynident.recordings.cells import with_words
+from dynident.recordings.formats import json_records
+from dynident.recordings.formats.contents import TextContent
+from dynident.recordings.formats.several import has_arrays, joined_source
 from dynident.recordings.formats.tables import CsvFileSource, ParquetFileSource
 from dynident.recordings.formats.telegrams import START, telegram_source
+from dynident.recordings.names import parts_of
 from dynident.recordings.raw import FileSource
+from dynident.recordings.sparse import with_joined_rows
 from dynident.recordings.stamps import with_stamps
 from dynident.recordings.stated import Format
+from dynident.recordings.stated_rate import with_rate
 from dynident.recordings.types import RecordingError
 
 FORMATS: tuple[str, ...] = get_args(Format)
@@ -27,7 +34,15 @@ _STARTS: tuple[tuple[bytes, Format], ...] = (
     (b"\x89MCAP", "mcap"),
 )
 
-_WRITTEN = {"csv": "CSV", "parquet": "Parquet"}
+_NOT_READ = (
+    (b"\xd0\xcf\x11\xe0", "an Excel workbook (.xls): save the sheet as CSV."),
+    (b"\x80\x04", "a pickle of Python, which may run programs and is never opened: save the table as CSV or Parquet."),
+    (b"\x80\x05", "a pickle of Python, which may run programs and is never opened: save the table as CSV or Parquet."),
+    (b"ULog", "a log of PX4 (.ulg): convert it with ulog2csv."),
+    (b"header:", "a printout of messages: record a bag, or write a table with `ros2 topic echo --csv TOPIC`."),
+    (b"---\nheader:", "a printout of messages: record a bag, or write a table with `ros2 topic echo --csv TOPIC`."),
+)
+_WRITTEN = {"csv": "CSV", "parquet": "Parquet", "jsonl": "JSON"}
 _LOOKED_AT = 4096
 """Bytes: a logger may write some lines of its own before the first telegram."""
 
@@ -40,16 +55,47 @@ def format_of(path: Path) -> str:
     RecordingError
         For an empty file.
     """
-    with path.open("rb") as file:
-        start = file.read(_LOOKED_AT)
+    parts = parts_of(path)
+    if len(parts) > 1:
+        return format_of(parts[0])
+    content = TextContent(path)
+    start = content.start(_LOOKED_AT)
     if not start:
         raise RecordingError("The file is empty.", title="Unreadable file")
     found = next((name for first, name in _STARTS if start.startswith(first)), None)
-    return found or ("rsi" if START.search(start) else "csv")
+    if content.compression is not None and (found or START.search(start)):
+        raise RecordingError(
+            f"The file is {found or 'rsi'}, compressed with {content.compression}; only text is unpacked on the way: "
+            "unpack the file first.",
+            title="Unreadable file",
+        )
+    if found == "npz":
+        return "npz" if has_arrays(path) else "zip"
+    if found is not None:
+        return found
+    _refuse_foreign(start)
+    if json_records.START.search(start):
+        return "jsonl"
+    return "rsi" if START.search(start) else "csv"
 
 
-def open_source(path: Path, file_format: str | None) -> FileSource:
+def _refuse_foreign(start: bytes) -> None:
+    """Say of files that are known and not read, what to do."""
+    for begin, what in _NOT_READ:
+        if start.startswith(begin):
+            raise RecordingError(f"The file is {what}", title="Unreadable file")
+
+
+def open_source(path: Path, file_format: str | None, rate: float | None = None) -> FileSource:
     """Open a user's file; the format is told from its first bytes where it is not given.
+
+    Parameters
+    ----------
+    path : path
+        Of one file, or of several that are one recording: q.csv+dq.csv+tau.csv.
+    file_format : str, optional
+    rate : float, optional
+        Hz of the rows, where they have no time.
 
     Raises
     ------
@@ -60,10 +106,13 @@ def open_source(path: Path, file_format: str | None) -> FileSource:
         raise RecordingError(
             f"The file's name {encodable(path.name)!r} is no UTF-8; rename it.", title="Unreadable file"
         )
-    return with_stamps(_open_source(path, file_format))
+    return with_rate(with_joined_rows(with_stamps(with_words(_open_source(path, file_format)))), rate)
 
 
 def _open_source(path: Path, file_format: str | None) -> FileSource:
+    parts = parts_of(path)
+    if len(parts) > 1:
+        return _join(path, parts)
     found = format_of(path)
     if file_format == "parquet" and found == "csv":
         return ParquetFileSource(path)  # which says what is wrong with it
@@ -75,7 +124,34 @@ def _open_source(path: Path, file_format: str | None) -> FileSource:
         )
     if found == "parquet":
         return ParquetFileSource(path)
-    return CsvFileSource(path) if found == "csv" else _open_foreign(path, found)
+    if found in ("csv", "jsonl"):
+        return open_text(TextContent(path))
+    if found == "zip":
+        return _join(path, parts)
+    return _open_foreign(path, found)
+
+
+def _join(path: Path, parts: list[Path]) -> FileSource:
+    """Open the files of a recording in several, or those in an archive."""
+    for part in parts:
+        name = format_of(part)
+        if len(parts) > 1 and name not in ("csv", "jsonl"):
+            raise RecordingError(
+                f"{part.name} is {name}; only files of text, CSV or JSON, are joined.", title="Unreadable file"
+            )
+    return joined_source(path, parts, lambda content: with_joined_rows(with_stamps(with_words(open_text(content)))))
+
+
+def open_text(content: TextContent) -> FileSource:
+    """Open text: JSON, or a table.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read.
+    """
+    is_json = json_records.START.search(content.start(_LOOKED_AT))
+    return json_records.json_source(content) if is_json else CsvFileSource(content)
 
 
 def _open_foreign(path: Path, name: str) -> FileSource:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
 from dynident.recordings.arrow import numbers_of_text, streamed_parquet
-from dynident.recordings.dialects import Dialect, csv_dialect
+from dynident.recordings.dialects import Dialect, csv_dialect, dialect_bytes
 from dynident.recordings.file_limits import TITLE, check_columns, check_unpacked, rows_of_block
+from dynident.recordings.formats.contents import TextContent
+from dynident.recordings.formats.rewriting import RewrittenText
 from dynident.recordings.lists import list_columns, places_of, spread, spread_names, stored_name
 from dynident.recordings.raw import FileSource
 from dynident.recordings.types import RecordingError
@@ -36,6 +40,7 @@ class ParquetFileSource(FileSource):
             with streamed_parquet(path) as file:
                 _check_parquet(file.metadata, path.stat().st_size)
                 schema = file.schema_arrow
+                self.has_gaps = _has_nulls(file.metadata)
             self._lists = places_of(path, list_columns(path, schema))
             super().__init__(spread_names(schema, self._lists))
         except _BROKEN_PARQUET as error:
@@ -52,6 +57,15 @@ class ParquetFileSource(FileSource):
             raise RecordingError(f"The file cannot be read as Parquet: {error}", title=TITLE) from error
 
 
+def _has_nulls(metadata: pq.FileMetaData) -> bool:
+    """Whether the first rows have empty cells, as far as the file says."""
+    if not metadata.num_row_groups:
+        return False
+    group = metadata.row_group(0)
+    known = (group.column(k).statistics for k in range(group.num_columns))
+    return any(one is not None and one.has_null_count and bool(one.null_count) for one in known)
+
+
 def _check_parquet(metadata: pq.FileMetaData, size: int) -> None:
     """Refuse what is said to be many times larger than its file: in bytes, or in values, which may be repeated."""
     check_columns(metadata.num_columns)
@@ -64,12 +78,21 @@ def _check_parquet(metadata: pq.FileMetaData, size: int) -> None:
 class CsvFileSource(FileSource):
     """A CSV file of the user's: comma, semicolon, tab or bar between columns; point or comma in numbers."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._dialect = csv_dialect(path)
+    def __init__(self, content: TextContent) -> None:
+        self._content = content
+        self._dialect = csv_dialect(content.start(dialect_bytes))
         check_columns(len(self._dialect.names))
         super().__init__(self._dialect.names, self._dialect.units)
+        self.texts = dict(self._dialect.texts)
+        self.has_gaps = self._dialect.has_gaps
         self._worded: set[str] = set()
+
+    def _opened(self) -> str | IO[bytes]:
+        """What pyarrow reads: the file where its lines are plain, which is fastest."""
+        dialect, plain = self._dialect, self._content.plain_path
+        if dialect.rewrite or dialect.encoding != "utf-8":
+            return io.BufferedReader(RewrittenText(self._content.open(), dialect.rewrite, dialect.encoding))
+        return self._content.open() if plain is None else str(plain)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         n_given = 0
@@ -92,9 +115,10 @@ class CsvFileSource(FileSource):
 
     def _parsed(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         dialect = self._dialect
-        types = {name: pa.string() if name in self._worded else pa.float64() for name in columns}
+        words = self._worded | self.texts.keys()
+        types = {name: pa.string() if name in words else pa.float64() for name in columns}
         with pacsv.open_csv(
-            self._path,
+            self._opened(),
             read_options=pacsv.ReadOptions(
                 column_names=list(dialect.names),
                 skip_rows=dialect.lines_before_data,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from dynident.diagnosis import Diagnosis
@@ -10,7 +10,8 @@ from dynident.identification import Identification
 from dynident.reports.numbers import counted, number, percent
 from dynident.reports.run import ReportedRun
 from dynident.reports.section import Section
-from dynident.verdict import ModelVerdict, verdict
+from dynident.reports.validated import ReportedValidation
+from dynident.verdict import ModelVerdict, Outcome, State, verdict
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,18 @@ class Figure:
     name: str
     value: str
     note: str
+
+
+@dataclass(frozen=True)
+class DriftRow:
+    """How far a simulation is off on one joint, as shares of its way in words."""
+
+    joint: str
+    shares: tuple[str, ...]
+
+
+_FIT: Mapping[State, str] = {"yes": "yes", "limited": "within limits", "no": "no", "not_judged": "not judged"}
+_COLOURS: Mapping[State, str] = {"yes": "ok", "limited": "warning", "no": "error", "not_judged": "warning"}
 
 
 @dataclass(frozen=True)
@@ -33,9 +46,34 @@ class Summary:
     data_warnings: tuple[str, ...]
     verdict: ModelVerdict
 
+    @property
+    def states(self) -> Mapping[State, str]:
+        """How the state of a use is called."""
+        return _FIT
+
+    @property
+    def colours(self) -> Mapping[State, str]:
+        """How the state of a use is set."""
+        return _COLOURS
+
+    @property
+    def drift(self) -> tuple[DriftRow, ...]:
+        """The drift of a simulation, joint by joint; nothing where none was made."""
+        drift = self.verdict.drift
+        if drift is None:
+            return ()
+        shares = drift.share.T.tolist()
+        return tuple(
+            DriftRow(joint, tuple(percent(one, 2) for one in each))
+            for joint, each in zip(drift.joint_names, shares, strict=True)
+        )
+
 
 def summary_section(
-    identification: Identification, runs: Sequence[ReportedRun], diagnosis: Diagnosis | None
+    identification: Identification,
+    runs: Sequence[ReportedRun],
+    diagnosis: Diagnosis | None,
+    validations: Sequence[ReportedValidation] = (),
 ) -> Section:
     """The first section."""
     content = Summary(
@@ -54,6 +92,7 @@ def summary_section(
             [run.recording for run in runs if not run.held_out],
             [run.recording for run in runs if run.held_out],
             {run.name: run.checks for run in runs},
+            [Outcome(one.kind, one.judged) for one in validations],
         ),
     )
     return Section("summary", "Summary", "summary", content)

@@ -66,7 +66,10 @@ function lineOf(model, { name: kind, label, words: about }, signal) {
   const wait = async (made) => {
     const found = await awaited("/validations", made, `${name} validation`, said, signal);
     show(found);
-    if (made.status !== "succeeded") announce(`${name}: ${WORDS[found.result.verdict]}. ${found.result.reason}`);
+    if (made.status !== "succeeded") {
+      announce(`${name}: ${WORDS[found.result.verdict]}. ${found.result.reason}`);
+      model.dispatchEvent(new Event("validated"));
+    }
   };
   const validate = async () => {
     await pressed(button, async () => {

@@ -2,6 +2,7 @@
 
 import { get } from "./api.js";
 import { h, put, section } from "./dom.js";
+import { percent } from "./format.js";
 import { orSay } from "./problem.js";
 import { goToTab } from "./tabs.js";
 
@@ -17,23 +18,38 @@ export function verdictSection(model, signal) {
     showNext();
   }, signal, judge);
   model.addEventListener("diagnosis", showNext);
+  model.addEventListener("validated", judge);
   judge();
   return section("fitness", "What it is fit for", body, next);
 }
 
 function judged(found) {
-  const fit = !found.stop && found.uses.every((one) => one.fit);
+  const fit = !found.stop && found.uses.every((one) => one.state === "yes");
   return [
     h("div", { class: fit ? "box good" : "box warning", id: "fitness-summary" }, h("p", {}, found.summary)),
     h("ul", { class: "verdicts", id: "uses" }, found.uses.map(useLine)),
+    found.drift ? driftTable(found.drift) : null,
     found.common.length ? h("ul", { class: "note" }, found.common.map((one) => h("li", {}, one.detail))) : null,
     found.next_steps.length ? h("details", { id: "next-steps" }, h("summary", {}, "What to do about the error"), h("ol", {}, found.next_steps.map((one) => h("li", {}, one)))) : null,
   ];
 }
 
-function useLine({ use, fit, reason }) {
-  const chip = h("span", { class: fit ? "chip verdict pass" : "chip verdict fail" }, fit ? "✓ fit" : "✕ not fit");
-  return h("li", { "data-use": use }, h("div", { class: "verdict-head" }, h("strong", {}, use.replaceAll("_", " ")), chip), h("div", { class: "reason" }, h("p", {}, reason)));
+const STATES = {
+  yes: ["pass", "✓ fit"], limited: ["not_evaluated", "! within limits"], no: ["fail", "✕ not fit"], not_judged: ["not_evaluated", "? not judged"],
+};
+
+function useLine({ use, state, reason, next_step }) {
+  const [look, words] = STATES[state];
+  const chip = h("span", { class: `chip verdict ${look}` }, words);
+  return h("li", { "data-use": use }, h("div", { class: "verdict-head" }, h("strong", {}, use.replaceAll("_", " ")), chip),
+    h("div", { class: "reason" }, h("p", {}, reason), h("p", { class: "note" }, `Next: ${next_step}`)));
+}
+
+/** How far a simulation is off that is left alone, joint by joint. */
+function driftTable(drift) {
+  const head = h("tr", {}, h("th", { scope: "col" }, "joint"), drift.after.map((after) => h("th", { scope: "col" }, `after ${after} s`)));
+  const rows = drift.joint_names.map((joint, j) => h("tr", {}, h("th", { scope: "row" }, joint), drift.share.map((each) => h("td", { class: "right" }, each[j] === null ? "–" : percent(each[j], 2)))));
+  return h("details", { id: "drift" }, h("summary", {}, "A simulation left alone under the measured torque is off by, of the joint's way"), h("table", {}, h("thead", {}, head), h("tbody", {}, rows)));
 }
 
 /** A gross mistake lies in the data; else what is missing comes before whether the rest is to be trusted. */

@@ -18,7 +18,7 @@ class Weighted(Estimator):
 
     name = "wls"
     label = "weighted least squares"
-    words = "Each joint weighted by its noise. The usual choice."
+    words = "Each joint weighted by its noise. Also where no robot has what comes out."
     brief = "each joint weighted by its noise"
     place = 1
     from_reduced = True

@@ -11,7 +11,7 @@ import { pairSection } from "./pair.js";
 import { robotNames } from "./reading.js";
 import { resourcesPage } from "./resources.js";
 
-const verdicts = new Map(); // model's id -> what was said of it; a model never changes
+const verdicts = new Map(); // model's id -> what was said of it when it was asked for
 
 /** The table of models, or with `pair` two of them side by side. */
 export async function page(target, wanted, signal) {
@@ -88,6 +88,6 @@ function errorOf({ result }) {
 
 function verdictInWords(found) {
   if (found.stop) return `not to be used: ${found.stop.cause}`;
-  const fit = found.uses.filter((one) => one.fit).map((one) => one.use.replaceAll("_", " "));
+  const fit = found.uses.filter((one) => one.fit).map((one) => one.use.replaceAll("_", " ") + (one.state === "limited" ? " (within limits)" : ""));
   return fit.length ? `fit for ${fit.join(", ")}` : "fit for none of the uses";
 }

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.recordings import Recording
 from dynident.recordings.spectra import used_runs
+from dynident.recordings.types import Recording
 
 Hashes = NDArray[np.uint64]
+
+SHARED = 0.01
+"""Share of the moving samples of held-out data that may be of the fit, too: windows that touch share their ends. With
+more of them the held-out error is not that of data that no parameter saw."""
 
 _ROWS_TOGETHER = 16
 """Rows that have to be equal one after the other: counts of a coarse encoder and current repeat singly by chance."""
@@ -58,6 +63,15 @@ class SampleHashes:
             telling += _covered(starts, together)
             shared += _covered(equal, together)
         return shared / telling if telling else 0.0
+
+
+def copied_recordings(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> tuple[str, ...]:
+    """Names of held-out recordings that hold samples of those that were fitted to."""
+    if not held_out:
+        return ()
+    known = [SampleHashes.of(one) for one in fitted]
+    own = ((one.name, SampleHashes.of(one)) for one in held_out)
+    return tuple(name for name, samples in own if any(samples.share_in(one) > SHARED for one in known))
 
 
 def _sums(values: FloatArray, together: int) -> FloatArray:

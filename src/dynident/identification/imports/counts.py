@@ -1,0 +1,116 @@
+"""Positions that are the counts of an encoder: how many make a turn, by the robot's limits and its own dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.identification.imports.fits import Fits
+from dynident.identification.imports.unit_guess import CLEARLY, LEAST_MOTION, MOST_MOTION, UnitGuess
+from dynident.recordings.units import conversion
+from dynident.robot import Robot
+
+WELL_KNOWN = (
+    *(float(2**k) for k in range(8, 27)),
+    *(float(m * 10**k) for k in range(3, 8) for m in (1, 2, 4)),
+    *(3.6 * 10.0**k for k in range(3, 7)),
+)
+"""Counts a turn of encoders: powers of two; lines of incremental ones; tenths to thousandths of degrees and finer."""
+
+_NEAR = 1.6
+"""Times the power of two with which most is explained, up to which other numbers are tried: half way to the next."""
+
+_EXPLAINED = 0.5
+"""Share of the torque that the right counts may leave."""
+
+_MOST_ASKED = 4
+
+
+def counts_unit(
+    robot: Robot, turning: Sequence[int], q: FloatArray, tau: FloatArray | None, fits: Fits
+) -> UnitGuess | None:
+    """Guess the unit of positions (m, n) that no angle of the joints can be; None where they are no counts either.
+
+    Parameters
+    ----------
+    robot : Robot
+    turning : sequence of int
+        Its revolute joints.
+    q, tau : (m, n)
+        As the file has them; without torques only limits tell.
+    fits : Fits
+        Of the sample.
+    """
+    low, high = np.nanmin(q[:, turning], axis=0), np.nanmax(q[:, turning], axis=0)
+    units = [
+        unit
+        for counts in WELL_KNOWN
+        for unit in _written(counts, low, high)
+        if _possible(robot, turning, low, high, unit)
+    ]
+    if not units:
+        return None
+    reason = "no unit of angles makes a joint's of them, and they look like the counts of an encoder"
+    left: dict[str, float] = {}
+    if tau is not None:
+        left = _left(robot, turning, q, tau, fits, [unit for unit in units if np.log2(_counts(unit)) % 1.0 == 0.0])
+        best = _counts(min(left, key=lambda unit: left[unit], default=units[0]))
+        others = [unit for unit in units if unit not in left and 1.0 / _NEAR < _counts(unit) / best < _NEAR]
+        left |= _left(robot, turning, q, tau, fits, others)
+    ranked = sorted(left, key=lambda unit: left[unit]) or units
+    unit = ranked[0]
+    alike = [other for other in ranked if not left or left[other] < CLEARLY * left[unit]]
+    if left:
+        shares = [f"{left[other]:.1%} of the torque with {_shown(other)}" for other in ranked[:3]]
+        reason += f"; the robot's dynamics leave {', '.join(shares)}"
+    sure = len(alike) == 1 and left.get(unit, 1.0) < _EXPLAINED
+    return UnitGuess(unit, 0.9 if sure else 0.5, reason, tuple(alike[:_MOST_ASKED]))
+
+
+def _written(counts: float, low: FloatArray, high: FloatArray) -> list[str]:
+    """Give the unit with zero at 0; and at half a turn, where all counts are those of one turn."""
+    unit = f"counts:{counts:.0f}"
+    within_a_turn = low.min() >= 0.0 and high.max() <= counts
+    return [unit, f"{unit}@{0.5 * counts:.0f}"] if within_a_turn else [unit]
+
+
+def _shown(unit: str) -> str:
+    counts, _, zero = unit.removeprefix("counts:").partition("@")
+    return f"{counts} counts a turn" + (f" and zero at {zero}" if zero else "")
+
+
+def _counts(unit: str) -> float:
+    return float(unit.removeprefix("counts:").partition("@")[0])
+
+
+def _possible(robot: Robot, turning: Sequence[int], low: FloatArray, high: FloatArray, unit: str) -> bool:
+    """Tell whether all joints are inside their limits, and at least one moves as far as one does in a recording."""
+    factor, offset = conversion("q", "revolute", unit, "q")
+    span = factor * (high - low)
+    if span.max() < LEAST_MOTION or span.max() > MOST_MOTION:
+        return False
+    for place, joint in enumerate(turning):
+        limits = robot.joints[joint].reach
+        if limits is None or not limits[1] > limits[0]:
+            continue
+        slack = 0.05 * (limits[1] - limits[0]) + 0.1
+        if factor * low[place] + offset < limits[0] - slack or factor * high[place] + offset > limits[1] + slack:
+            return False
+    return True
+
+
+def _left(
+    robot: Robot, turning: Sequence[int], q: FloatArray, tau: FloatArray, fits: Fits, units: Sequence[str]
+) -> dict[str, float]:
+    """Give what the robot's dynamics leave of the torque with each of the units."""
+    found = {}
+    for unit in units:
+        factor, offset = conversion("q", "revolute", unit, "q")
+        scaled = np.array(q)
+        scaled[:, turning] = scaled[:, turning] * factor + offset
+        left = fits.left(scaled, tau)
+        if left is not None:
+            found[unit] = left
+    return found

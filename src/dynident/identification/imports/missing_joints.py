@@ -1,0 +1,88 @@
+"""Joints that the robot has and a file has not, or not all signals of; and the other way round."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.identification.imports.groups import Group, incomplete_groups
+from dynident.identification.imports.proposal import Question
+from dynident.identification.imports.words import Named, Signal
+from dynident.recordings.checks_of_motion import MOVED
+from dynident.robot import Robot
+
+_POSITIONS: tuple[Signal, ...] = ("q",)
+_EFFORTS: tuple[Signal, ...] = ("tau", "current", "effort")
+_OF_JOINTS: tuple[Signal, ...] = ("q", "dq", *_EFFORTS)
+_AT_ZERO, _MOST = 1e-3, 2.0 * np.pi
+"""rad or m: positions at which a joint is locked are told from 0, and are none of an angle in radians from 2 pi on."""
+
+
+def columns_of_strangers(named: Sequence[Named], columns: Mapping[str, str], n: int) -> list[str]:
+    """Give the columns of joints that a robot of n joints has not, where all of its own have theirs."""
+    if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
+        return []
+    used = set(columns.values())
+    known = {word for one in named if one.name in used for word in one.words}
+    strange = [one for one in named if one.signal in _OF_JOINTS and one.rank < 4 and one.name not in used]
+    return [one.name for one in strange if not set(one.words) <= known]
+
+
+def question_of_missing(named: Sequence[Named], robot: Robot) -> Question | None:
+    """Ask to lock joints that have no column at all; None where the positions are not those of most joints."""
+    found = _of_most_joints(named, robot, _POSITIONS)
+    if found is None:
+        return None
+    names = [name for joint, name in enumerate(robot.joint_names) if joint not in found[1]]
+    where = f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} in the robot, and not in the file"
+    return Question("robot", f"{where}: lock {_them(names)}, --lock {','.join(names)}.")
+
+
+def torque_of_most(named: Sequence[Named], robot: Robot, positions: FloatArray, empty: int) -> Group | Question | None:
+    """Give the torques that most joints have; a question where a joint without stands still: it is none of the arm's.
+
+    Parameters
+    ----------
+    positions : (m, n)
+        Of all joints, in any unit.
+    empty : int
+        The column that is put in the place of torques that there are not.
+
+    Returns
+    -------
+    None where there are no such torques.
+    """
+    found = _of_most_joints(named, robot, _EFFORTS)
+    if found is None:
+        return None
+    first, columns = found
+    still = [k for k in range(robot.n) if k not in columns and np.ptp(positions[:, k]) <= MOVED[robot.joints[k].kind]]
+    if still:
+        names = [robot.joint_names[joint] for joint in still]
+        locks = [_lock(name, positions[:, joint]) for name, joint in zip(names, still, strict=True)]
+        verbs = "stand still and have" if len(names) > 1 else "stands still and has"
+        return Question(
+            "robot", f"{', '.join(names)} {verbs} no torque: lock {_them(names)}, --lock {','.join(locks)}."
+        )
+    members = tuple(columns.get(joint, empty) for joint in range(robot.n))
+    return Group(members, first.signal, first.unit, first.rank, first, "they are of most joints, by their names")
+
+
+def _of_most_joints(
+    named: Sequence[Named], robot: Robot, signals: Collection[Signal]
+) -> tuple[Named, dict[int, int]] | None:
+    """Give the columns, by joint, of the most likely one of some signals."""
+    groups = [one for one in incomplete_groups(named, robot.joint_names) if one[0].signal in signals]
+    measured = [one for one in groups if one[0].rank < 4]
+    return min(measured, key=lambda one: (one[0].rank, one[0].signal != "tau"), default=None)
+
+
+def _them(names: Sequence[str]) -> str:
+    return "them" if len(names) > 1 else "it"
+
+
+def _lock(name: str, position: FloatArray) -> str:
+    at = float(np.median(position))
+    return f"{name}={at:.4g}" if _AT_ZERO < abs(at) < _MOST else name

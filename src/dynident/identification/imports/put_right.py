@@ -1,0 +1,38 @@
+"""What an import puts right in the rows of a file, put right in a sample of them, and in the user's words."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.identification.imports.facts import Sample, filled
+from dynident.identification.imports.fits import Fits
+from dynident.identification.imports.groups import Group
+from dynident.identification.imports.proposal import Guess
+from dynident.recordings.types import RecordingError
+
+
+def condition_sample(
+    fits: Fits, rows: Sample, position: Group, effort: Group, q: FloatArray
+) -> tuple[FloatArray, list[Guess]]:
+    """Put right what an import will in positions q (m, n) in rad or m, of the rows with a time, and say what."""
+    positions, efforts = list(position.columns), list(effort.columns)
+    known = np.where(np.isfinite(rows.values[:, positions]), q, np.nan)
+    try:
+        right, _, checks = fits.condition(known, rows.values[:, efforts])
+    except RecordingError:
+        # What is wrong with the time is asked about elsewhere.
+        return q, []
+    joints = fits.robot.joint_names
+    names = dict(zip((f"q_{name}" for name in joints), positions, strict=True))
+    names |= dict(zip((f"tau_{name}" for name in joints), efforts, strict=True))
+    put_right = []
+    for check in checks:
+        if check.status != "ok":
+            detail = check.detail
+            for ours, column in names.items():
+                detail = re.sub(rf"(?<!\w){re.escape(ours)}(?!\w)", rows.names[column], detail)
+            put_right.append(Guess(f"rows/{check.name}", "put right", 0.95, detail))
+    return filled(right), put_right

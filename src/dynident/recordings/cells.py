@@ -1,0 +1,191 @@
+"""Cells with words that say something of the others: times that are written as text, and names of joints."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from dynident.arrays import IntArray
+from dynident.recordings.arrow import from_numbers
+from dynident.recordings.raw import FileSource, floats_of
+from dynident.recordings.written_times import are_times, is_called_time, to_seconds
+
+_COUNTED = re.compile(r"^(?P<stem>.*?)[_.\[/ ]*(?P<number>\d+)\]?$")
+_OF_NAMES = re.compile(r"^(?P<prefix>(?:.*?[^A-Za-z])??)(?:joint[_ ]?names?|names?|joints?|motors?)$", re.IGNORECASE)
+_OF_IDS = re.compile(
+    r"(?:^|[^a-z])(?:id|(?:motor|joint|axis|servo|can|node)[_ ]?(?:id|index|number|nr)?)$", re.IGNORECASE
+)
+"""Whole numbers of motors or joints, one a row."""
+_OF_ROWS = re.compile(r"(?:^|[^a-z])(?:nsecs?|nanosecs?|seq|index)$|^$", re.IGNORECASE)
+"""Columns of a row, and not of the joint that the row is of."""
+_MOST_JOINTS = 256
+_ROWS = 1000
+
+
+@dataclass(frozen=True)
+class _Named:
+    """Columns with names of joints, and the columns of each of their signals in the same order.
+
+    `joints` are all names of the first rows. `signals` has the file's columns by what those of all joints are called.
+    """
+
+    names: tuple[str, ...]
+    joints: tuple[str, ...]
+    signals: Mapping[str, tuple[str, ...]]
+
+    def columns(self) -> dict[str, tuple[str, str]]:
+        """Give the signal and the joint of every column that comes of these."""
+        return {f"{signal}_{joint}": (signal, joint) for signal in self.signals for joint in self.joints}
+
+
+class WordedSource(FileSource):
+    """A file whose written times are seconds, and whose signals are called by the names of joints in its cells."""
+
+    def __init__(self, source: FileSource, times: Sequence[str], named: Sequence[_Named]) -> None:
+        self._source, self._times = source, frozenset(times)
+        self._places = {column: (one, *place) for one in named for column, place in one.columns().items()}
+        read = {column for one in named for columns in (one.names, *one.signals.values()) for column in columns}
+        names = [name for name in source.names if name not in read]
+        units = {name: unit for name, unit in source.units.items() if name not in read}
+        units |= {
+            name: source.units[columns[0]]
+            for name, (one, signal, _) in self._places.items()
+            if (columns := one.signals[signal])[0] in source.units
+        }
+        super().__init__([*names, *self._places], {**units, **dict.fromkeys(times, "s")})
+        self.sample_rows, self.remarks = source.sample_rows, source.remarks
+        self.texts = {name: cells for name, cells in source.texts.items() if name in names and name not in self._times}
+        # Where rows are of one joint each, those of the others are empty in them.
+        self.has_gaps = source.has_gaps or any(len(one.joints) > len(one.names) for one in named)
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        needed: dict[str, None] = {}
+        for name in columns:
+            if name in self._places:
+                one, signal, _ = self._places[name]
+                needed |= dict.fromkeys((*one.names, *one.signals[signal]))
+            else:
+                needed[name] = None
+        first_row = 0
+        for batch in self._source.batches(list(needed)):
+            orders: dict[tuple[str, ...], tuple[IntArray, list[tuple[str, ...]]]] = {}
+            values = [self._column(batch, name, orders, first_row) for name in columns]
+            yield pa.RecordBatch.from_arrays(values, names=columns)
+            first_row += batch.num_rows
+
+    def _column(
+        self,
+        batch: pa.RecordBatch,
+        name: str,
+        orders: dict[tuple[str, ...], tuple[IntArray, list[tuple[str, ...]]]],
+        first_row: int,
+    ) -> pa.Array:
+        if name not in self._places:
+            column = batch.column(name)
+            return to_seconds(column) if name in self._times else column
+        one, signal, joint = self._places[name]
+        if one.names not in orders:
+            orders[one.names] = _orders(batch, one.names)
+        which, combinations = orders[one.names]
+        sources = one.signals[signal]
+        if len(combinations) == 1:
+            places = [place for place, word in enumerate(combinations[0]) if word == joint]
+            return batch.column(sources[places[0]]) if places else pa.nulls(batch.num_rows, pa.float64())
+        values = np.full(batch.num_rows, np.nan)
+        for number, words in enumerate(combinations):
+            if joint in words:
+                rows = which == number
+                values[rows] = floats_of(batch, sources[words.index(joint)], first_row)[rows]
+        return from_numbers(values)
+
+
+def _orders(batch: pa.RecordBatch, names: Sequence[str]) -> tuple[IntArray, list[tuple[str, ...]]]:
+    """Give the number (m,) of every row's combination of names, and the combinations."""
+    coded = [pc.dictionary_encode(_as_text(batch.column(name))) for name in names]
+    codes = np.column_stack([one.indices.to_numpy(zero_copy_only=False) for one in coded])
+    unique, which = np.unique(codes, axis=0, return_inverse=True)
+    words = [one.dictionary.to_pylist() for one in coded]
+    combinations = [tuple(words[k][code].strip() for k, code in enumerate(row)) for row in unique.tolist()]
+    return which.reshape(-1), combinations
+
+
+def _as_text(column: pa.Array) -> pa.Array:
+    """Give names as they stand there, or whole numbers without a point."""
+    if pa.types.is_floating(column.type):
+        column = column.cast(pa.int64(), safe=False)
+    return column.cast(pa.string()).fill_null("")
+
+
+def with_words(source: FileSource) -> FileSource:
+    """The same file, with what its cells of words say; the same object where they say nothing."""
+    times = [name for name, cells in source.texts.items() if are_times(cells)]
+    named = _named(source, {name: cells for name, cells in source.texts.items() if name not in times} | _ids(source))
+    return WordedSource(source, times, named) if times or named else source
+
+
+def _named(source: FileSource, texts: Mapping[str, Sequence[str]]) -> list[_Named]:
+    found: list[_Named] = []
+    numbers = _families([name for name in source.names if name not in source.texts])
+    for stem, columns in _families(texts).items():
+        kind = _OF_NAMES.match(stem)
+        rows = set(zip(*(texts[column] for column in columns.values()), strict=True))
+        if kind is None or any(len({word for word in row if word}) < len(columns) for row in rows):
+            continue
+        signals = {
+            other: tuple(places.values())
+            for other, places in numbers.items()
+            if other.startswith(kind["prefix"]) and places.keys() == columns.keys()
+        }
+        joints = tuple(dict.fromkeys(word for row in sorted(rows) for word in row))
+        if signals and len(joints) <= _MOST_JOINTS:
+            found.append(_Named(tuple(columns.values()), joints, signals))
+    return found or _a_row_a_joint(source, texts)
+
+
+def _a_row_a_joint(source: FileSource, texts: Mapping[str, Sequence[str]]) -> list[_Named]:
+    """Tables that have a row for every joint and instant, with the joint's name in a column."""
+    for name, cells in texts.items():
+        joints = tuple(dict.fromkeys(cell for cell in cells if cell))
+        if not (_OF_NAMES.match(name) or _OF_IDS.search(name)) or not 1 < len(joints) <= min(
+            _MOST_JOINTS, len(cells) // 2
+        ):
+            continue
+        others = [
+            other
+            for other in source.names
+            if other not in (name, *source.texts) and not is_called_time(other) and not _OF_ROWS.search(other)
+        ]
+        return [_Named((name,), joints, {other: (other,) for other in others})] if others else []
+    return []
+
+
+def _ids(source: FileSource) -> dict[str, tuple[str, ...]]:
+    """The first cells of a column with the number of the motor that a row is of, which changes from row to row."""
+    called = next((name for name in source.names if name not in source.texts and _OF_IDS.search(name)), None)
+    batch = None if called is None else next(iter(source.batches([called])), None)
+    if called is None or batch is None:
+        return {}
+    values = floats_of(batch, called, 0)[:_ROWS]
+    # Rows of one motor stand between those of others, not in one stretch.
+    if not np.isfinite(values).all() or (values != np.rint(values)).any() or np.mean(np.diff(values) != 0) < 0.5:
+        return {}
+    return {called: tuple(str(int(value)) for value in values)}
+
+
+def _families(names: Sequence[str] | Mapping[str, object]) -> dict[str, dict[int, str]]:
+    """Columns whose names differ by the number at their end alone: by what stands before it, and by the number."""
+    families: dict[str, dict[int, str]] = {}
+    for name in names:
+        found = _COUNTED.match(name)
+        if found is not None and found["stem"]:
+            families.setdefault(found["stem"], {})[int(found["number"])] = name
+    return {
+        stem: dict(sorted(places.items()))
+        for stem, places in families.items()
+        if sorted(places) == list(range(min(places), min(places) + len(places))) and min(places) in (0, 1)
+    }

@@ -1,0 +1,147 @@
+"""Signed registers that a log has read as unsigned: the sign is a bit, or a number below zero has wrapped."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.arrays import BoolArray, FloatArray
+from dynident.recordings.conditioning.findings import FoundRows
+from dynident.recordings.conditioning.signals import Signals
+from dynident.recordings.conditioning.windows import Window
+from dynident.recordings.types import Check
+
+_FEWEST_JUMPS = 3
+"""Jumps across zero that tell a register: a corrupted sample makes two."""
+
+_JUMPS_LEFT = 0.4
+"""Share of the jumps that may be left once the sign is read: torques of friction alone jump where joints reverse."""
+
+_SMOOTH = 0.1
+"""Share of the times that a signal passes the sign's place at which it may do so without a jump: one that is no
+register passes any place so."""
+
+BITS, WIDE_BITS = range(7, 32), (15, 31)
+"""Bits that signs of torques stand in, of registers of 8 to 32 bits; and of positions, since one that wraps after a
+turn, as those of absolute encoders do, is none whose sign was not read."""
+
+_FIRST = 64
+"""Rows that tell of most signals that they are no registers."""
+
+BITS_OF: Mapping[str, Collection[int]] = {"q": WIDE_BITS, "tau": BITS}
+
+_WHOLE = 1e-3
+"""How far a whole number may be from one, after its unit was taken into account and out again."""
+
+
+@dataclass(frozen=True)
+class Register:
+    """A signed register: `bit` holds the sign, of a magnitude, or of a two's complement."""
+
+    bit: int
+    is_magnitude: bool
+
+    def decode(self, raw: FloatArray) -> FloatArray:
+        """Give the signed numbers of a register that was read as unsigned."""
+        size = 2.0**self.bit
+        negative = size - raw if self.is_magnitude else raw - 2.0 * size
+        return np.where(raw >= size, negative, raw)
+
+    def __str__(self) -> str:
+        size = 2**self.bit
+        if self.is_magnitude:
+            return f"they jump by {size} around zero, so that bit {self.bit} is the sign: {size} + x means -x"
+        return f"they jump by {2 * size} around zero, as numbers of {self.bit + 1} bits do that are read without sign"
+
+
+def find_register(raw: FloatArray, together: BoolArray, bits: Collection[int] = BITS) -> Register | None:
+    """Tell whether columns (m, k) are of registers whose sign was not read; None where they are not.
+
+    Parameters
+    ----------
+    raw : (m, k)
+        Numbers as the file has them, of one kind of signal; NaN where one is missing.
+    together : (m - 1,)
+        Which rows follow the one before without a gap.
+    bits : collection of int
+        Where the sign may stand.
+    """
+    # Most signals are no whole numbers, which their first rows tell.
+    if not (_are_counts(raw[:_FIRST]) and _are_counts(raw)):
+        return None
+    bit = int(np.floor(np.log2(max(float(np.nanmax(raw, initial=0.0)), 1.0))))
+    if bit not in bits:
+        return None
+    kinds = (Register(bit, is_magnitude=True), Register(bit, is_magnitude=False))
+    jumps = _jumps(raw, together, bit)
+    left, register = min(((_jumps(one.decode(raw), together, bit), one) for one in kinds), key=lambda pair: pair[0])
+    passes = np.diff(raw >= 2.0**bit, axis=0)[together]
+    smooth = int(np.count_nonzero(passes & (np.abs(np.diff(raw, axis=0)[together]) <= 0.5 * 2.0**bit)))
+    is_register = jumps >= _FEWEST_JUMPS and left <= _JUMPS_LEFT * jumps and smooth <= _SMOOTH * passes.sum()
+    return register if is_register else None
+
+
+def _are_counts(raw: FloatArray) -> bool:
+    """Tell whether numbers are whole and not below zero, as far as there are any."""
+    known = raw[np.isfinite(raw)]
+    return bool((known >= -_WHOLE).all() and (np.abs(known - np.rint(known)) <= _WHOLE).all())
+
+
+def _jumps(values: FloatArray, together: BoolArray, bit: int) -> int:
+    """Count changes of values (m, k) from row to row by half of what a register holds."""
+    return int(np.count_nonzero(np.abs(np.diff(values, axis=0)[together]) > 0.5 * 2.0**bit))
+
+
+class SignedRegisters:
+    """Reads the sign of torques, and of positions, that a log holds as unsigned registers."""
+
+    name = "registers"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._registers: dict[str, Register] = {}
+        self._found: dict[str, FoundRows] = {}
+
+    def apply(self, window: Window) -> None:
+        """Read the signs in a window; from the first one on in which a register shows itself."""
+        together = np.diff(window.run) == 0
+        for kind, columns in self._signals.registers.items():
+            at = list(columns)
+            factors, offsets = self._signals.factors[at], self._signals.offsets[at]
+            if not factors.all():
+                continue
+            raw = (window.values[:, at] - offsets) / factors
+            register = self._registers.get(kind) or find_register(raw, together, BITS_OF[kind])
+            if register is None:
+                continue
+            self._registers[kind] = register
+            decoded = register.decode(np.rint(raw))
+            changed = decoded != np.rint(raw)
+            window.values[:, at] = np.where(changed, decoded * factors + offsets, window.values[:, at])
+            found = self._found.setdefault(kind, FoundRows())
+            for place, column in enumerate(columns):
+                own = window.own_rows(np.flatnonzero(changed[:, place] & np.isfinite(raw[:, place])))
+                found.add(column, own, window.t[own - 1 - window.first_row])
+
+    def checks(self) -> list[Check]:
+        """Say which columns are registers, and how they are read."""
+        if not self._registers:
+            return [Check(self.name, "ok", "No column is a register whose sign was not read.")]
+        return [self._check(kind, register) for kind, register in self._registers.items()]
+
+    def _check(self, kind: str, register: Register) -> Check:
+        found, sources = self._found[kind], self._signals.sources
+        names = [sources[column] for column in self._signals.registers[kind]]
+        detail = (
+            f"{names[0]} … {names[-1]} are registers whose sign was not read: {register}. {found.n} samples are read "
+            f'so; if they are right as they are, say "skip": ["{self.name}"].'
+        )
+        return found.check(self.name, "warning", detail, sources)
+
+
+def decode_registers(raw: FloatArray, t: FloatArray, kind: str) -> tuple[FloatArray, Register | None]:
+    """Read the signs of columns (m, k) of a kind of signal at times t (m,), if they are registers."""
+    register = find_register(raw, np.diff(t) > 0.0, BITS_OF[kind])
+    return (raw, None) if register is None else (register.decode(raw), register)

@@ -1,0 +1,86 @@
+"""The bytes of a file of text: as they are, or unpacked on the way, with a bound on how many there may be."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO
+
+import pyarrow as pa
+
+from dynident.recordings.file_limits import MOST_TEXT, TITLE, UnpackedSize
+from dynident.recordings.types import RecordingError
+
+_COMPRESSIONS = ((b"\x1f\x8b", "gzip"), (b"\x28\xb5\x2f\xfd", "zstd"), (b"BZh", "bz2"), (b"\x04\x22\x4d\x18", "lz4"))
+"""First bytes, and what Arrow calls the compression."""
+
+
+class TextContent:
+    """A file of text that can be read from its beginning as often as needed.
+
+    Parameters
+    ----------
+    path : path
+        Where it lies; compressed with gzip, zstd, bzip2 or lz4 it is unpacked as it is read.
+    member : callable, optional
+        Opens a part of the file instead of all of it.
+    """
+
+    def __init__(self, path: Path, member: Callable[[], IO[bytes]] | None = None) -> None:
+        self._path, self._member = path, member
+        self.compression = None if member is not None else compression_of(path)
+
+    @property
+    def plain_path(self) -> Path | None:
+        """The file itself, where its bytes are the text."""
+        return self._path if self._member is None and self.compression is None else None
+
+    def open(self) -> IO[bytes]:
+        """Open it; what unpacks to more than such files do raises `RecordingError` while it is read."""
+        if self._member is not None:
+            return self._member()
+        if self.compression is None:
+            return self._path.open("rb")
+        return io.BufferedReader(_Unpacking(self._path, self.compression), 1 << 20)
+
+    def start(self, size: int) -> bytes:
+        """Give the first bytes."""
+        with self.open() as file:
+            return file.read(size)
+
+
+def compression_of(path: Path) -> str | None:
+    """Tell the compression of a file from its first bytes; None where there is none."""
+    with path.open("rb") as file:
+        start = file.read(4)
+    return next((name for first, name in _COMPRESSIONS if start.startswith(first)), None)
+
+
+class _Unpacking(io.RawIOBase):
+    """Unpacks a file, and counts the bytes."""
+
+    def __init__(self, path: Path, compression: str) -> None:
+        super().__init__()
+        self._compression = compression
+        self._size = UnpackedSize(path.stat().st_size, MOST_TEXT)
+        self._file = pa.CompressedInputStream(pa.OSFile(str(path)), compression)
+
+    def readable(self) -> bool:
+        """Whether it can be read."""
+        return True
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+        """Unpack into a buffer."""
+        try:
+            part: bytes = self._file.read(len(buffer))
+        except (OSError, ValueError) as error:
+            raise RecordingError(f"The file cannot be unpacked ({self._compression}): {error}", title=TITLE) from error
+        self._size.add(len(part))
+        buffer[: len(part)] = part
+        return len(part)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+        super().close()

@@ -1,0 +1,238 @@
+"""Records in JSON: an object a line, an array of objects, or one object with an array for every signal.
+
+Values within an object are columns by the way to them: `{"arm": {"q": [0.1, 0.2]}}` is arm.q1 and arm.q2.
+"""
+
+from __future__ import annotations
+
+import codecs
+import itertools
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from dynident.arrays import FloatArray
+from dynident.encoding import encodable
+from dynident.recordings.arrow import from_numbers
+from dynident.recordings.file_limits import (
+    DEEPEST,
+    LARGEST_MESSAGE,
+    LARGEST_OBJECT,
+    MOST_COLUMNS,
+    TITLE,
+    check_columns,
+    rows_of_block,
+)
+from dynident.recordings.formats.arrays import FEWEST_ROWS, ArrayFileSource, StoredArray
+from dynident.recordings.formats.contents import TextContent
+from dynident.recordings.lists import counted_names
+from dynident.recordings.raw import FileSource
+from dynident.recordings.types import RecordingError
+
+START = re.compile(rb"^(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])")
+"""An object with a name in it, or an array of objects or arrays."""
+_BETWEEN = re.compile(r"[\s,]*")
+_READ_BYTES = 1 << 18
+_BLOCK_ROWS = 8192
+_LOOKED_AT, _LOOKED_AT_VALUES = 2000, 200_000
+_LONGEST_WORD = 9
+"""Characters of the longest word of JSON, -Infinity, and of the end of a number that is none yet, 1e-."""
+_NAMES = ("name", "joint", "joint_name", "id")
+"""Keys by which objects in an array say what they are of."""
+
+Value = float | str | None
+
+
+class RecordSource(FileSource):
+    """Records of a file, a row each."""
+
+    sample_rows = 16_000
+    """They are taken apart one by one: of more rows a look would take seconds."""
+
+    def __init__(self, content: TextContent) -> None:
+        self._content = content
+        head: list[dict[str, Value]] = []
+        columns: dict[str, None] = {}
+        values = 0
+        for record in _records(content):
+            head.append(_flat(record))
+            columns |= dict.fromkeys(head[-1])
+            check_columns(len(columns))
+            values += len(head[-1])
+            if len(head) == _LOOKED_AT or values > _LOOKED_AT_VALUES:
+                break
+        if not columns:
+            raise RecordingError("The file holds no JSON object with values.", title=TITLE)
+        super().__init__(list(columns))
+        self.texts = {
+            name: tuple(cell if isinstance(cell, str) else "" for cell in (row.get(name) for row in head))
+            for name in columns
+            if any(isinstance(row.get(name), str) for row in head)
+        }
+        self.has_gaps = any(len(row) < len(columns) or None in row.values() for row in head)
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        size = min(_BLOCK_ROWS, rows_of_block(len(columns)))
+        rows = (_flat(record) for record in _records(self._content))
+        while part := list(itertools.islice(rows, size)):
+            arrays = [self._column([row.get(name) for row in part], name) for name in columns]
+            yield pa.RecordBatch.from_arrays(arrays, names=columns)
+
+    def _column(self, values: Sequence[Value], name: str) -> pa.Array:
+        if name in self.texts:
+            return pa.array([None if one is None else encodable(str(one)) for one in values], pa.string())
+        return from_numbers(np.array([one if isinstance(one, float) else np.nan for one in values], dtype=np.float64))
+
+
+def json_source(content: TextContent) -> FileSource:
+    """Open a file of JSON.
+
+    Raises
+    ------
+    RecordingError
+        For what is no JSON, or holds no records.
+    """
+    records = list(itertools.islice(_objects(content), 2))
+    if len(records) == 1 and isinstance(records[0], dict):
+        arrays = list(_arrays(records[0], "", 0))
+        if arrays:
+            return ArrayFileSource(arrays)
+    return RecordSource(content)
+
+
+def _records(content: TextContent) -> Iterator[object]:
+    """The records one by one; those of a single object are the longest array of objects in it."""
+    objects = _objects(content)
+    first, second = next(objects, None), next(objects, None)
+    if second is None and isinstance(first, dict):
+        inner = [value for value in first.values() if isinstance(value, list) and value and isinstance(value[0], dict)]
+        if inner:
+            yield from max(inner, key=len)
+            return
+    yield from (one for one in (first, second) if one is not None)
+    yield from objects
+
+
+def _objects(content: TextContent) -> Iterator[object]:
+    """The values that stand one behind another; one that is cut off at the end of the file is none."""
+    decoder = json.JSONDecoder()
+    decode = codecs.getincrementaldecoder("utf-8-sig")(errors="replace").decode
+    text, place, number, at_end = "", 0, 0, False
+    with content.open() as file:
+        while True:
+            place = _BETWEEN.match(text, place).end()  # type: ignore[union-attr]
+            if number == 0 and text.startswith("[", place):
+                place += 1  # one array around all records
+                number = 1
+                continue
+            try:
+                # An array is closed behind its last record.
+                value, end = decoder.raw_decode(text, place) if not text.startswith("]", place) else (None, place + 1)
+            except (ValueError, RecursionError) as error:
+                left, row = len(text) - place, max(number, 1)
+                if at_end and (not left or (number > 1 and _is_cut_off(error, text))):
+                    return
+                if at_end or not _is_cut_off(error, text):
+                    raise RecordingError(
+                        f"Record {row} cannot be read as JSON: {error}", title=TITLE, row=row
+                    ) from error
+                longest = LARGEST_OBJECT if number <= 1 else LARGEST_MESSAGE
+                if left > longest:
+                    raise RecordingError(
+                        f"Record {row} is longer than {longest >> 20} MB: write an object a line, or CSV.",
+                        title=TITLE,
+                        row=row,
+                    ) from error
+                part = file.read(max(_READ_BYTES, left))
+                at_end = not part
+                text, place = text[place:] + decode(part, final=at_end), 0
+                continue
+            place = end
+            if isinstance(value, (dict, list)):
+                number = max(number, 1) + 1
+                yield value
+
+
+def _is_cut_off(error: Exception, text: str) -> bool:
+    """Whether what is no JSON may become some with the text that follows."""
+    if not isinstance(error, json.JSONDecodeError):
+        return False
+    is_open = error.msg.startswith("Unterminated string") and "\n" not in text[error.pos :]
+    return is_open or error.pos >= len(text.rstrip()) - _LONGEST_WORD
+
+
+def _flat(record: object) -> dict[str, Value]:
+    """Give the values of a record by the way to them."""
+    found: dict[str, Value] = {}
+    _collect(record, "", found, 0)
+    return found
+
+
+def _collect(value: object, name: str, found: dict[str, Value], depth: int) -> None:
+    if depth > DEEPEST:
+        raise RecordingError(f"{name[:60]} lies deeper than {DEEPEST} objects inside each other.", title=TITLE)
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            _collect(inner, f"{name}.{key}" if name else str(key), found, depth + 1)
+    elif isinstance(value, list):
+        if len(found) + len(value) > MOST_COLUMNS:
+            check_columns(len(found) + len(value))
+        for own, inner in zip(_names_of_items(name or "column", value), value, strict=True):
+            _collect(inner, own, found, depth + 1)
+    elif isinstance(value, str) or value is None:
+        found[name or "column"] = value
+    else:
+        found[name or "column"] = _number(value)
+
+
+def _names_of_items(name: str, items: Sequence[object]) -> Sequence[str]:
+    """Count the items of an array, or call them as they say that they are called."""
+    for key in _NAMES:
+        called = [item.get(key) if isinstance(item, dict) else None for item in items]
+        if called and all(isinstance(one, str) for one in called) and len(set(called)) == len(called):
+            return [f"{name}.{one}" for one in called]
+    return counted_names(name, len(items))
+
+
+def _number(value: Any) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return np.nan
+
+
+def _arrays(value: Mapping[str, Any], name: str, depth: int) -> Iterator[StoredArray]:
+    """The arrays of numbers in an object that holds one for every signal."""
+    if depth > DEEPEST:
+        raise RecordingError(f"{name[:60]} lies deeper than {DEEPEST} objects inside each other.", title=TITLE)
+    for key, inner in value.items():
+        own = f"{name}.{key}" if name else str(key)
+        if isinstance(inner, dict) and len(inner) >= FEWEST_ROWS and all(map(str.isdigit, inner)):
+            inner = list(inner.values())  # by the number of the row, as pandas writes it
+        if isinstance(inner, dict):
+            yield from _arrays(inner, own, depth + 1)
+        elif isinstance(inner, list) and _has_rows(inner):
+            try:
+                values = np.array(inner, dtype=np.float64)
+            except (TypeError, ValueError, OverflowError):
+                continue
+            if 1 <= values.ndim <= 2:
+                yield StoredArray(own, values.shape, _reader(values))
+
+
+def _has_rows(values: list[Any]) -> bool:
+    """Whether an array, or the first in it, is long enough for a signal of numbers."""
+    first = values[0] if values else None
+    inner = len(first) if isinstance(first, list) else 0
+    return max(len(values), inner) >= FEWEST_ROWS and not isinstance(first, (dict, str))
+
+
+def _reader(values: FloatArray) -> Any:
+    def read(first: int, last: int, axis: int) -> FloatArray:
+        return values[first:last] if axis == 0 else values[:, first:last].T
+
+    return read

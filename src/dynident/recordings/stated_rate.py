@@ -1,0 +1,38 @@
+"""The time of a file that has none, from the rate of its rows that somebody states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pyarrow as pa
+
+from dynident.recordings.arrow import from_numbers
+from dynident.recordings.raw import FileSource
+
+_TIME = "t"
+
+
+class RatedSource(FileSource):
+    """A file whose rows are evenly spaced in time: `t` in s, from 0; it replaces a column of that name."""
+
+    def __init__(self, source: FileSource, rate: float) -> None:
+        self._source, self._rate = source, rate
+        names = [name for name in source.names if name != _TIME]
+        super().__init__([_TIME, *names], {**source.units, _TIME: "s"})
+        self.sample_rows, self.texts = source.sample_rows, source.texts
+        self.has_gaps, self.remarks = source.has_gaps, source.remarks
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        needed = [name for name in columns if name != _TIME]
+        first = 0
+        for batch in self._source.batches(needed or self._source.names[:1]):
+            t = np.arange(first, first + batch.num_rows) / self._rate
+            values = [from_numbers(t) if name == _TIME else batch.column(name) for name in columns]
+            yield pa.RecordBatch.from_arrays(values, names=columns)
+            first += batch.num_rows
+
+
+def with_rate(source: FileSource, rate: float | None) -> FileSource:
+    """The same file with the time that a stated rate in Hz gives its rows; the same object where none is stated."""
+    return source if rate is None else RatedSource(source, rate)

@@ -1,0 +1,29 @@
+"""Where a description's package:// and $(find …) names are looked for on this machine."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+_ROS_FOLDERS = (("ROS_PACKAGE_PATH", "."), ("AMENT_PREFIX_PATH", "share"), ("CMAKE_PREFIX_PATH", "share"))
+"""Variables of a ROS environment that hold lists of folders, and where the packages are below each."""
+
+
+def package_folders(file: Path) -> tuple[Path, ...]:
+    """List the folders that may hold the packages which a description's file names, nearest first.
+
+    These are the folders above the file but not the file system's root, since a description lies in its package or
+    beside it, and then those of the ROS environment.
+    """
+    above = file.resolve().parents[:-1]
+    stated = [Path(folder) / below for name, below in _ROS_FOLDERS for folder in _folders_in(os.environ.get(name, ""))]
+    return tuple(dict.fromkeys([*above, *stated]))
+
+
+def find_package(name: str, file: Path) -> Path | None:
+    """Find the folder of a package that a description's file names; `None` where there is none."""
+    return next((folder / name for folder in package_folders(file) if (folder / name).is_dir()), None)
+
+
+def _folders_in(text: str) -> list[str]:
+    return [folder for folder in text.split(os.pathsep) if folder]

@@ -1,0 +1,119 @@
+"""How far a simulated robot runs away from the recorded one under the torque that was measured, without a controller.
+
+A simulator that follows a recorded motion under joint control hides what its model lacks: the controller makes up for
+it. Left alone from a measured state under the measured torque, the error of the torque becomes one of the position.
+Most arms are unstable then (a link that stands upright falls to either side), so this is asked for short times only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.arrays import FloatArray
+from dynident.effects.memory import MemoryStates
+from dynident.errors import DynidentError
+from dynident.identification import Identification
+from dynident.identification.estimators.recorded_motion import RecordedMotion, longest_stretch
+from dynident.identification.estimators.simulator import Simulator, simulator_of
+from dynident.recordings import Recording
+from dynident.recordings.phases import STANDS
+from dynident.threads import single_threaded
+
+AFTER = (0.1, 0.5, 2.0)
+"""Seconds: a few samples of a controller, a quick move, and a whole motion from point to point."""
+
+_STEP = 1e-3
+_APART = 0.5
+_MOST_STARTS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """Root mean square distance (3, n) of the simulated from the recorded positions after `AFTER` s, rad or m.
+
+    `way` (3, n): how far the joints moved meanwhile. Infinite where the simulation diverged, nan where no stretch of
+    the recordings is that long. `starts`: how often it was left alone.
+    """
+
+    joint_names: tuple[str, ...]
+    distance: FloatArray
+    way: FloatArray
+    starts: int
+
+    @property
+    def after(self) -> tuple[float, ...]:
+        """Seconds after which it is told."""
+        return AFTER
+
+    @property
+    def share(self) -> FloatArray:
+        """(3, n): distance over way. Of a joint that hardly moves, over what a joint that stands may move."""
+        return np.asarray(self.distance / np.maximum(self.way, STANDS))
+
+
+@single_threaded
+def open_loop_drift(identification: Identification, recordings: Sequence[Recording]) -> Drift:
+    """Leave a robot with the identified parameters alone again and again along recorded motions.
+
+    Raises
+    ------
+    DynidentError
+        Where no robot can have the identified parameters, or no recording has a motion to follow.
+    """
+    simulator = simulator_of(identification.model, identification.values)
+    motions = [longest_stretch(one, identification.preprocessing, np.inf) for one in recordings]
+    each = max(1, _MOST_STARTS // max(len(motions), 1))
+    found = [_leave_alone(simulator, motion, start) for motion in motions for start in _starts(motion, each)]
+    if not found:
+        raise DynidentError(
+            f"no unbroken stretch of the recordings is {AFTER[0]:g} s long", pointer="/windows", title="Too short"
+        )
+    away, moved = (np.array(one) for one in zip(*found, strict=True))
+    return Drift(identification.model.robot.joint_names, _rms(away), _rms(moved), len(found))
+
+
+def _starts(motion: RecordedMotion, most: int) -> list[int]:
+    """Give the samples that simulations start from: spread over the motion, with the longest time left where it can."""
+    t = motion.reference.t
+    length = float(t[-1] - t[0])
+    last = length - AFTER[-1] if length > AFTER[-1] else length - AFTER[0]
+    if last < 0:
+        return []
+    times = np.linspace(0.0, last, min(most, int(last / _APART) + 1)) + t[0]
+    return [int(k) for k in np.searchsorted(t, times - 1e-9)]
+
+
+def _leave_alone(simulator: Simulator, motion: RecordedMotion, start: int) -> tuple[FloatArray, FloatArray]:
+    """How far the simulated robot is off, and how far the real one moved: (3, n) each."""
+    whole, robot = motion.reference, simulator.robot
+    n = whole.q.shape[1]
+    here = whole.t[start]
+    # A sample's time may be off by rounding; a horizon that ends there is there.
+    after = np.array([one for one in AFTER if here + one <= whole.t[-1] + 1e-9])
+    t = here + _STEP * np.arange(round(after[-1] / _STEP) + 1)
+    tau = np.column_stack([np.interp(t, whole.t, column) for column in motion.tau.T])
+    heat = None if whole.temperature is None else whole.temperature[start:]
+    rest = replace(
+        whole, t=whole.t[start:], q=whole.q[start:], dq=whole.dq[start:], ddq=whole.ddq[start:], temperature=heat
+    )
+    signals = robot.dynamics.signals
+    memory = MemoryStates(signals.memory_signals).push(signals.robot.positions(whole.q[: start + 1]))[-1]
+    with np.errstate(all="ignore"):
+        q = robot.move_freely(rest, tau, _STEP, memory=memory, run=motion.label)
+    rows = np.rint(after / _STEP).astype(np.intp)
+    measured = np.column_stack([np.interp(t[rows], whole.t, column) for column in whole.q.T])
+    away, way = np.full((len(AFTER), n), np.nan), np.full((len(AFTER), n), np.nan)
+    away[: len(after)] = np.nan_to_num(np.abs(q[rows] - measured), nan=np.inf)
+    way[: len(after)] = np.abs(measured - whole.q[start])
+    return away, way
+
+
+def _rms(values: FloatArray) -> FloatArray:
+    """(3, n): over the starts (k, 3, n) that reach so far; nan where none does."""
+    there = ~np.isnan(values)
+    counts = there.sum(axis=0)
+    squares = np.where(there, values, 0.0) ** 2
+    return np.where(counts > 0, np.sqrt(squares.sum(axis=0) / np.maximum(counts, 1)), np.nan)

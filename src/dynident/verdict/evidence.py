@@ -1,0 +1,149 @@
+"""What a verdict is judged by: the residual on held-out data, and how validations ended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from dynident.arrays import BoolArray, FloatArray
+from dynident.diagnosis.comparing.compare import Comparison, compare
+from dynident.errors import DynidentError
+from dynident.estimation import Errors
+from dynident.identification import Identification
+from dynident.recordings import Recording
+from dynident.recordings.phases import Phase
+from dynident.validation import Judged
+
+LONGEST = 600.0
+"""Seconds of a recording that are looked at, at most: what is judged does not change with more."""
+
+FEWEST_ROWS = 10
+"""Rows of a phase, below which its error is chance."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a validation of the model ended; `kind` as `dynident validate` names it."""
+
+    kind: str
+    judged: Judged
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseErrors:
+    """Rms (n,) of the residual in a phase over that of the joint's torque on all rows; nan where there are few rows."""
+
+    name: str
+    share: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """A model, the held-out recordings with their residuals, and the outcomes of validations.
+
+    `held_out`: errors on all rows, which a model that comes out of a file has without its recordings.
+    """
+
+    identification: Identification
+    held_out: Errors
+    recordings: tuple[Recording, ...]
+    comparisons: tuple[Comparison, ...]
+    outcomes: tuple[Outcome, ...]
+
+    @classmethod
+    def of(
+        cls,
+        identification: Identification,
+        held_out: Errors,
+        validation: Sequence[Recording],
+        outcomes: Sequence[Outcome],
+    ) -> Evidence:
+        """Compare the model with its held-out recordings; those that are too short for that are left out."""
+        shortened = tuple(_shorten(one) for one in validation)
+        comparisons = []
+        for recording in shortened:
+            try:
+                comparisons.append(compare(identification, recording))
+            except DynidentError:
+                continue
+        return cls(identification, held_out, shortened, tuple(comparisons), tuple(outcomes))
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.identification.model.robot.joint_names
+
+    @cached_property
+    def joint_errors(self) -> FloatArray:
+        """(n,): relative error of each joint where it moves, on all rows where it never does; 0 where it has none."""
+        return joint_errors(self.held_out, self.identification.held_out_moving)
+
+    @cached_property
+    def never_moving(self) -> list[str]:
+        """Joints that stand throughout the held-out data."""
+        moving = self.identification.held_out_moving
+        if moving is None:
+            return []
+        return [name for j, name in enumerate(self.joints) if self.held_out.counts[j] > 0 and moving.counts[j] == 0]
+
+    @cached_property
+    def phases(self) -> tuple[PhaseErrors, ...]:
+        """The errors while joints move, reverse, and start or stop: of the torque itself, without a band at rest."""
+        if not self.comparisons:
+            return ()
+        whole = np.sqrt(self._mean([np.ones_like(one.moving) for one in self.comparisons], measured=True))
+        found = []
+        for name, chosen in _PHASES:
+            rows = [chosen(one) for one in self.comparisons]
+            counts = sum(one.sum(axis=0) for one in rows)
+            share = np.sqrt(self._mean(rows, measured=False)) / np.where(whole > 0, whole, 1.0)
+            found.append(PhaseErrors(name, np.where(counts >= FEWEST_ROWS, share, np.nan)))
+        return tuple(found)
+
+    def failed(self, *kinds: str) -> list[Outcome]:
+        """Give the validations of these kinds that failed."""
+        return [one for one in self.outcomes if one.kind in kinds and one.judged.verdict == "fail"]
+
+    def passed(self, kind: str) -> list[Outcome]:
+        """Give the validations of a kind that passed."""
+        return [one for one in self.outcomes if one.kind == kind and one.judged.verdict == "pass"]
+
+    def _mean(self, rows: Sequence[BoolArray], *, measured: bool) -> FloatArray:
+        """(n,): mean square over rows (m, n) of all recordings."""
+        values = [one.measured if measured else one.raw_residual for one in self.comparisons]
+        squares = sum((v**2 * r).sum(axis=0) for v, r in zip(values, rows, strict=True))
+        return np.asarray(squares / np.maximum(sum(r.sum(axis=0) for r in rows), 1))
+
+
+def joint_errors(errors: Errors, moving: Errors | None) -> FloatArray:
+    """(n,): relative error of each joint where it moves, on all rows where it never does; 0 where it has none."""
+    relative = np.where(errors.counts > 0, errors.relative, 0.0)
+    if moving is None:
+        return np.asarray(relative)
+    return np.asarray(np.where(moving.counts > 0, moving.relative, relative))
+
+
+def _starts(one: Comparison) -> BoolArray:
+    return np.asarray((one.phase == Phase.STANDING) & one.off_halts)
+
+
+_PHASES = (
+    ("while they move", lambda one: one.moving),
+    ("at reversals", lambda one: one.phase == Phase.REVERSING),
+    ("at starts and stops", _starts),
+)
+
+
+def _shorten(recording: Recording) -> Recording:
+    """The first ten minutes of a recording, inside its windows."""
+    begin = recording.segments[0].start_time
+    if recording.segments[-1].start_time + recording.segments[-1].length * recording.period <= begin + LONGEST:
+        return recording
+    if not recording.windows:
+        return recording.with_windows(((begin, begin + LONGEST),))
+    begin = min(start for start, _ in recording.windows)
+    kept = [(start, min(end, begin + LONGEST)) for start, end in recording.windows if start < begin + LONGEST]
+    return replace(recording, windows=tuple(kept))

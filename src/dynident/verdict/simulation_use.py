@@ -1,0 +1,108 @@
+"""Is a model fit for simulation: can its robot exist, and does it stay near the real one when it is left alone?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.effects import LINKS
+from dynident.errors import DynidentError
+from dynident.estimation import errors
+from dynident.identification.estimators.feasible import nearest_feasible
+from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
+from dynident.identification.thresholds import LARGEST_DRIFT, NOTABLE_DRIFT
+from dynident.validation.drift import AFTER, Drift, open_loop_drift
+from dynident.verdict.evidence import Evidence
+from dynident.verdict.use import Finding
+
+# Limits of nature that are named; of more their number is said.
+_NAMED = 3
+_POSTURES = 200
+_DIAGNOSE = "Find what is missing: dynident diagnose MODEL RUN."
+CURE = "Identify again with bodies that can exist: dynident identify … --estimator feasible."
+
+
+def simulation_findings(evidence: Evidence, drift: Drift | None) -> list[Finding]:
+    """Judge the links, the mass matrix along the motion, and the drift of a simulation that is left alone."""
+    found = [*_bodies(evidence), *_mass_matrix(evidence)]
+    if drift is not None:
+        return [*found, _drift(drift)]
+    if evidence.recordings:
+        sentence = "No robot with these parameters makes a step along the held-out motion."
+        return [*found, Finding("no", sentence, CURE)]
+    sentence = "How far a simulation runs away takes the held-out recordings."
+    return [*found, Finding("not_judged", sentence, "Give the recordings that the model was tried on.")]
+
+
+def drift_of(evidence: Evidence) -> Drift | None:
+    """The drift along the held-out recordings; None where there are none, or no robot has these parameters."""
+    try:
+        return open_loop_drift(evidence.identification, evidence.recordings) if evidence.recordings else None
+    except DynidentError:
+        return None
+
+
+def _bodies(evidence: Evidence) -> list[Finding]:
+    """Whether bodies, rotors and friction that can exist have the parameters; else what those that can would cost."""
+    found = evidence.identification
+    if not any(one.effect == LINKS.effect for one in found.model.effects):
+        return []
+    if found.estimate.standard is not None and not found.estimate.not_essential:
+        return []  # These standard parameters were looked for among those of bodies that can exist.
+    try:
+        nearest = nearest_feasible(found.model, found.data.equations, found.estimate.solution, found.choices.trust)
+    except DynidentError as error:
+        return [
+            Finding("no", f"Whether bodies that can exist have these parameters is not known: {error.detail}.", CURE)
+        ]
+    if nearest.is_feasible:
+        return []
+    names = ", ".join(nearest.limits[:_NAMED])
+    more = f" and {len(nearest.limits) - _NAMED} more" if len(nearest.limits) > _NAMED else ""
+    cost = ""
+    if found.data.held_out is not None:
+        after = errors(found.data.held_out, nearest.values).relative_total
+        before = evidence.held_out.relative_total
+        cost = f" The nearest that can have a held-out error of {after:.2%} instead of {before:.2%}."
+    return [Finding("no", f"No bodies that can exist have these parameters ({names}{more}).{cost}", CURE)]
+
+
+def _mass_matrix(evidence: Evidence) -> list[Finding]:
+    """Whether the mass matrix is positive definite along the held-out motion, and in random postures."""
+    found = evidence.identification
+    along = np.inf
+    if evidence.comparisons:
+        q = np.concatenate([one.q for one in evidence.comparisons])
+        along = smallest_inertia_eigenvalue(found.model, found.values, postures=q[:: max(1, len(q) // _POSTURES)])
+    if along <= 0:
+        return [Finding("no", "Along the held-out motion the mass matrix is not positive definite.", CURE)]
+    if found.worst_inertia_eigenvalue <= 0:
+        return [Finding("no", "In some postures the mass matrix is not positive definite.", CURE)]
+    return []
+
+
+def _drift(drift: Drift) -> Finding:
+    share, figures = drift.share, drift_in_words(drift)
+    short = share[:2]
+    if not np.isfinite(short[0]).all():
+        return Finding("no", f"Left alone under the measured torque, the simulation diverges. {figures}", CURE)
+    if float(np.nanmax(short)) > LARGEST_DRIFT:
+        sentence = (
+            f"{figures} Above {LARGEST_DRIFT:.0%} of the way within {AFTER[1]:g} s it is no simulation of the robot."
+        )
+        return Finding("no", sentence, _DIAGNOSE)
+    if float(np.nanmax(short)) > NOTABLE_DRIFT:
+        sentence = f"Only with a controller, or for less than {AFTER[1]:g} s: {figures[0].lower()}{figures[1:]}"
+        return Finding("limited", sentence, _DIAGNOSE)
+    return Finding("yes", figures)
+
+
+def drift_in_words(drift: Drift) -> str:
+    """The worst joint after each time, in a sentence."""
+    told = []
+    for after, share in zip(AFTER, drift.share, strict=True):
+        if np.isnan(share).all():
+            continue
+        worst = int(np.nanargmax(share))
+        size = "all of" if not np.isfinite(share[worst]) else f"{share[worst]:.0%} of"
+        told.append(f"{size} its way after {after:g} s ({drift.joint_names[worst]})")
+    return f"Left alone under the measured torque, the worst joint is off by {', '.join(told)}."

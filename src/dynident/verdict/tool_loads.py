@@ -1,0 +1,174 @@
+"""What a residual can hide at the tool: the force of a collision, and the mass of a load.
+
+A force F at the tool adds Jᵀ F to the torques. It is seen where it lifts a joint's residual above a threshold that the
+residual itself crosses seldom. Residuals are correlated in time, so thresholds come from the largest values in
+stretches of a second, not from single samples (block maxima; Gumbel 1958, Coles 2001, ch. 3). Of normal residuals, with
+a memory of 0.05 to 3 s and 30 s of data, 95 of 100 thresholds keep to the rate; of white ones with Student's
+distribution of five degrees of freedom, whose tail is heavier, there are five alarms for one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.arrays import BoolArray, FloatArray
+from dynident.diagnosis.comparing.autocorrelation import independent_squares
+from dynident.diagnosis.comparing.compare import Comparison
+from dynident.estimation.statistics import NORMAL_95
+from dynident.recordings.phases import Phase
+from dynident.robot import Robot, tool_path
+
+FALSE_ALARMS_AN_HOUR = 1.0
+"""What a detector may cost: a cell that stops for nothing more than once an hour is switched off."""
+
+FEWEST_BLOCKS = 15
+"""Seconds of held-out motion, at least: from fewer largest values no tail is told."""
+
+SEEN = 0.95
+"""Share of postures along the held-out motion and of directions in which the force that is stated shows."""
+
+_BLOCK = 1.0
+_ONE_SIDED_95 = 1.645
+_EULER = 0.5772156649
+# Scale of Gumbel's distribution over its standard deviation.
+_GUMBEL = 6.0**0.5 / np.pi
+_POSTURES, _DIRECTIONS = 60, 60
+_SMALL = 1e-6
+_MOVE, _TIME = 1e-6, 1e-3
+_FLAT = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class DetectableForce:
+    """The `force` (N) at the tool that is seen in nearly all postures and directions.
+
+    `thresholds` (n,): of every joint's residual, N m or N, behind the filters of the identification, infinite of joints
+    that move too seldom to have one; `seconds` of held-out motion that they come from.
+    """
+
+    force: float
+    thresholds: FloatArray
+    seconds: float
+
+
+def detectable_force(robot: Robot, comparisons: Sequence[Comparison]) -> DetectableForce | None:
+    """Tell which force at the tool shows at `FALSE_ALARMS_AN_HOUR`; None where the data are too short or see none."""
+    blocks = [_Blocks.of(one) for one in comparisons]
+    seconds = _BLOCK * sum(len(one.maxima) for one in blocks)
+    # Every joint may cry out: each has its share of the false alarms.
+    share = FALSE_ALARMS_AN_HOUR / 3600.0 * _BLOCK / robot.n
+    # Static friction hides what pushes a joint that stands: only seconds in which it moves tell.
+    moving = [[one.maxima[one.moves[:, j], j] for one in blocks] for j in range(robot.n)]
+    counts = [sum(len(part) for part in own) for own in moving]
+    if max(counts, default=0) < FEWEST_BLOCKS:
+        return None
+    thresholds = np.array(
+        [
+            _threshold([part for part in own if len(part)], share) if count >= FEWEST_BLOCKS else np.inf
+            for own, count in zip(moving, counts, strict=True)
+        ]
+    )
+    q = np.concatenate([one.q for one in comparisons])
+    jacobian = tool_jacobian(robot, q[:: max(1, len(q) // _POSTURES)])
+    seen = _seen(jacobian, thresholds)
+    if seen is None:
+        return None
+    return DetectableForce(float(np.quantile(1.0 / np.maximum(seen, _SMALL**2), SEEN)), thresholds, seconds)
+
+
+def detectable_mass(robot: Robot, comparisons: Sequence[Comparison]) -> float | None:
+    """Tell from which mass (kg) on a load at the tool is told from none along the held-out motion; None where never.
+
+    What the residual itself looks like as a mass counts, and its 95 % interval by stretches of time.
+    """
+    above, below, blocks = 0.0, 0.0, []
+    for one in comparisons:
+        column = _torque_of_one_kilogram(robot, one)
+        weights = one.moving / np.maximum(one.noise, 1e-300) ** 2
+        product, size = (weights * column * one.raw_residual).sum(axis=1), (weights * column**2).sum(axis=1)
+        block = _blocks_of(one)
+        blocks.append(np.array([(product[block == k].sum(), size[block == k].sum()) for k in np.unique(block)]))
+        above, below = above + float(product.sum()), below + float(size.sum())
+    if not below > 0:
+        return None
+    mass = above / below
+    each = np.concatenate(blocks)
+    deviation = float(np.sqrt(((each[:, 0] - mass * each[:, 1]) ** 2).sum())) / below
+    return abs(mass) + NORMAL_95 * deviation
+
+
+def tool_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
+    """(m, 3, n): velocity of the last joint's origin for a unit velocity of each joint, at postures q (m, n)."""
+    columns = []
+    for joint in range(robot.n):
+        step = np.zeros(robot.n)
+        step[joint] = _MOVE
+        columns.append((tool_path(robot, q + step) - tool_path(robot, q - step)) / (2 * _MOVE))
+    return np.stack(columns, axis=2)
+
+
+def _seen(jacobian: FloatArray, thresholds: FloatArray) -> FloatArray | None:
+    """(k,): by how much of its threshold 1 N lifts the residual that it lifts most, over postures and directions.
+
+    None where no force at the tool moves a joint. Directions that no joint ever feels are left out.
+    """
+    left, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
+    largest = float(singular.max(initial=0.0))
+    if largest <= _SMALL:
+        return None
+    rank = int((singular.max(axis=0) > _FLAT * largest).sum())
+    directions = np.random.default_rng(0).normal(size=(_DIRECTIONS, rank))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    forces = np.einsum("mir,dr->mdi", left[:, :, :rank], directions)
+    torque = np.abs(np.einsum("mdi,mij->mdj", forces, jacobian))
+    return np.asarray((torque / np.maximum(thresholds, 1e-300)).max(axis=2).reshape(-1))
+
+
+def _threshold(maxima: Sequence[FloatArray], share: float) -> float:
+    """The value that largest values of a block exceed with this probability, at most: with a confidence of 95 %."""
+    values = np.concatenate(maxima)
+    scale = float(values.std(ddof=1)) * _GUMBEL
+    place = float(values.mean()) - _EULER * scale
+    return float(place + scale * _quantile(share, max(independent_squares(maxima), 2.0)))
+
+
+def _quantile(share: float, count: float) -> float:
+    """Quantile of Gumbel's distribution that is exceeded with this probability, and what `count` values leave open."""
+    y = -np.log(-np.log1p(-share))
+    # Standard error of the quantile by the method of moments (Kite 1977), in standard deviations of the values.
+    k = _GUMBEL * (y - _EULER)
+    error = np.sqrt((1.0 + 1.14 * k + 1.1 * k**2) / count)
+    return float(y + _ONE_SIDED_95 * error / _GUMBEL)
+
+
+def _blocks_of(one: Comparison) -> FloatArray:
+    """(m,): the number of the block of `_BLOCK` s that a row is in; blocks end with their segment."""
+    return np.asarray(np.floor((one.t - one.t[0]) / _BLOCK) + 1e6 * one.segment)
+
+
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """Of every block that is nearly whole the largest residual `maxima` (k, n), and whether a joint `moves` (k, n)."""
+
+    maxima: FloatArray
+    moves: BoolArray
+
+    @classmethod
+    def of(cls, one: Comparison) -> _Blocks:
+        _, first, counts = np.unique(_blocks_of(one), return_index=True, return_counts=True)
+        whole = counts >= 0.8 * np.median(counts)
+        rows = [slice(a, a + k) for a, k in zip(first[whole], counts[whole], strict=True)]
+        n = one.residual.shape[1]
+        maxima = np.array([np.abs(one.residual[part]).max(axis=0) for part in rows]).reshape(-1, n)
+        moves = np.array([(one.phase[part] != Phase.STANDING).any(axis=0) for part in rows]).reshape(-1, n)
+        return cls(maxima, moves)
+
+
+def _torque_of_one_kilogram(robot: Robot, one: Comparison) -> FloatArray:
+    """(m, n): what the joints need for a point of 1 kg at the tool along the motion."""
+    ahead, here, behind = (tool_path(robot, one.q + dt * one.dq + 0.5 * dt**2 * one.ddq) for dt in (_TIME, 0.0, -_TIME))
+    force = (ahead - 2.0 * here + behind) / _TIME**2 - np.asarray(robot.gravity)
+    return np.asarray(np.einsum("mij,mi->mj", tool_jacobian(robot, one.q), force))

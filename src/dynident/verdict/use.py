@@ -1,0 +1,68 @@
+"""Whether a model is fit for a use: what speaks for and against it, and the sentence that comes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+UseName = Literal["simulation", "feed_forward", "collision_detection", "payload"]
+USES: tuple[UseName, ...] = ("simulation", "feed_forward", "collision_detection", "payload")
+State = Literal["yes", "limited", "no", "not_judged"]
+MARKS: dict[State, str] = {"yes": "✓", "limited": "!", "no": "✕", "not_judged": "?"}
+_GRAVEST_FIRST: tuple[State, ...] = ("no", "not_judged", "limited", "yes")
+
+
+@dataclass(frozen=True)
+class Use:
+    """Whether a model is fit for a use: the reason in a sentence or two, and one thing to do next.
+
+    `state`: "limited" is fit within a limit that the reason says, "not_judged" that nothing was there to tell by.
+    """
+
+    use: UseName
+    state: State
+    reason: str
+    next_step: str
+
+    @property
+    def fit(self) -> bool:
+        """Whether it may be used so, if only within a limit."""
+        return self.state in ("yes", "limited")
+
+    @property
+    def mark(self) -> str:
+        """One character for the state."""
+        return MARKS[self.state]
+
+    @property
+    def words(self) -> str:
+        """The name for people."""
+        return self.use.replace("_", " ")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one test of a use gave, in a whole sentence, and what to do about it where it is not good."""
+
+    state: State
+    sentence: str
+    next_step: str = ""
+
+
+def use_of(name: UseName, findings: Sequence[Finding], when_good: str) -> Use:
+    """Make one statement of all tests of a use: the gravest decide.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        In the order in which they are to be cured.
+    when_good : str
+        What to do next where nothing speaks against the use.
+    """
+    state = next(one for one in _GRAVEST_FIRST if any(found.state == one for found in findings))
+    # Where there is nothing to tell by, figures say nothing; a limit stands beside the figures that it limits.
+    told = (state, "yes") if state == "limited" else (state,)
+    sentences = [found.sentence for one in told for found in findings if found.state == one]
+    steps = [found.next_step for found in findings if found.state == state and found.next_step]
+    return Use(name, state, " ".join(sentences), steps[0] if steps else when_good)

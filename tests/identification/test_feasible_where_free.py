@@ -1,0 +1,93 @@
+"""By default estimates are those of a robot that can exist where the fit hardly changes, with intervals that hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from oracles import arm, fourier_motion, pinocchio_torque, record
+
+from dynident.effects import EffectChoice, role_of
+from dynident.export import export_model
+from dynident.identification import Identification, IdentificationChoices, identify
+from dynident.recordings import Recording
+from dynident.robot import Robot
+from dynident.robot.model import INERTIAL_NAMES
+
+ROBOT = arm("ur10")
+EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous"))
+AUTO = IdentificationChoices(EFFECTS)
+PLAIN = IdentificationChoices(EFFECTS, estimator="wls")
+ROTORS, COULOMB, VISCOUS = np.full(6, 0.4), np.full(6, 6.0), np.full(6, 5.0)
+
+
+def run(seed: int, noise: float, robot: Robot = ROBOT) -> Recording:
+    motion = fourier_motion(robot, 20.0, 200.0, 3)
+    tau = pinocchio_torque(robot, motion.q, motion.dq, motion.ddq)
+    tau = (
+        tau + ROTORS[: robot.n] * motion.ddq + COULOMB[: robot.n] * np.sign(motion.dq) + VISCOUS[: robot.n] * motion.dq
+    )
+    size = np.sqrt((tau**2).mean(axis=0))
+    return record(robot, motion, tau + noise * size * np.random.default_rng(seed).normal(size=tau.shape))
+
+
+def truth(found: Identification) -> np.ndarray:
+    drives = {"rotor": ROTORS, "dry": COULOMB, "damping": VISCOUS}
+    standard = np.zeros(len(found.model.columns))
+    for k, column in enumerate(found.model.columns):
+        joint, role = ROBOT.joint_names.index(column.link), role_of(column)
+        if role == "link":
+            standard[k] = ROBOT.inertias[joint, INERTIAL_NAMES.index(column.parameter)]
+        else:
+            standard[k] = drives[role][joint]
+    return found.model.base.grouping @ standard
+
+
+def test_estimates_that_no_robot_has_are_moved_and_their_intervals_stay_and_hold() -> None:
+    inside, total, nearer = 0, 0, []
+    for seed in range(12):
+        recording = run(seed, 0.05)
+        plain, moved = identify(ROBOT, [recording], choices=PLAIN), identify(ROBOT, [recording], choices=AUTO)
+        assert plain.estimate.standard is None
+        assert moved.estimate.standard is not None
+        np.testing.assert_array_equal(moved.statistics.covariance, plain.statistics.covariance)
+        assert moved.fit.relative_total < 1.02 * plain.fit.relative_total
+        right = truth(moved)
+        inside += int(np.count_nonzero(np.abs(moved.values - right) <= moved.statistics.half_widths()))
+        total += len(right)
+        deviations = plain.statistics.standard_deviations
+        nearer.append([np.linalg.norm((one.values - right) / deviations) for one in (moved, plain)])
+    assert inside / total > 0.93
+    # The truth is a robot: what is nearer to robots is nearer to it.
+    assert np.mean(nearer, axis=0)[0] < np.mean(nearer, axis=0)[1]
+    assert export_model(moved, "urdf").content
+
+
+def test_estimates_of_a_robot_stay_to_the_last_digit() -> None:
+    recording = run(1, 1e-5)
+    plain, same = identify(ROBOT, [recording], choices=PLAIN), identify(ROBOT, [recording], choices=AUTO)
+    np.testing.assert_array_equal(same.values, plain.values)
+
+
+def test_estimates_stay_where_a_robot_that_can_exist_would_fit_worse() -> None:
+    # The links of this description cannot exist, and its torque is known well.
+    crooked = arm("crooked")
+    recording = run(1, 1e-3, crooked)
+    plain, same = identify(crooked, [recording], choices=PLAIN), identify(crooked, [recording], choices=AUTO)
+    np.testing.assert_array_equal(same.values, plain.values)
+    assert same.estimate.standard is None
+
+
+def test_what_sits_in_some_runs_alone_is_not_held_to_bodies_that_can_exist() -> None:
+    runs = [replace(run(seed, 0.05), name=name) for seed, name in ((1, "empty"), (2, "loaded"))]
+    effects = (*EFFECTS, EffectChoice("payload", (ROBOT.joint_names[-1],), runs=("loaded",)))
+    found = [identify(ROBOT, runs, choices=replace(one, effects=effects)) for one in (AUTO, PLAIN)]
+    np.testing.assert_array_equal(found[0].values, found[1].values)
+
+
+@pytest.mark.parametrize("strategy", ["sequential"])
+def test_strategies_of_several_steps_keep_what_every_step_says(strategy: str) -> None:
+    recording = run(1, 0.05)
+    found = [identify(ROBOT, [recording], choices=replace(one, strategy=strategy)) for one in (AUTO, PLAIN)]
+    np.testing.assert_array_equal(found[0].values, found[1].values)

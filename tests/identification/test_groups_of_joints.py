@@ -1,0 +1,140 @@
+"""What is wrong with several joints alike is one finding: exchanged legs, drives in other units, joints that lack."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from strangers import FloatArray, guess, legged, log, log_of, read, signals
+
+from dynident.identification import identify
+from dynident.identification.mistakes.search import chains_of
+from dynident.recordings import Check, RecordingError
+from dynident.robot import Robot
+from dynident.verdict import verdict
+
+
+def refused(robot: Robot, folder: Path, columns: dict[str, FloatArray]) -> list[Check]:
+    with pytest.raises(RecordingError) as raised:
+        read(robot, folder, columns)
+    return [one for one in raised.value.checks if one.status != "ok"]
+
+
+@pytest.mark.parametrize(("legs", "order"), [
+    (2, (1, 0)), (4, (1, 0, 2, 3)), (4, (1, 0, 3, 2)), (4, (2, 3, 0, 1)), (4, (0, 3, 2, 1)),
+])  # fmt: skip
+@pytest.mark.parametrize("kind", ["tau", "q"])
+def test_exchanged_legs_are_one_finding_with_one_cure(
+    tmp_path: Path, legs: int, order: tuple[int, ...], kind: str
+) -> None:
+    given = log_of(legged(legs, seed=legs), seed=legs)
+    exchanged = np.concatenate([3 * leg + np.arange(3) for leg in order])
+    columns = given.columns(**{kind: (given.tau if kind == "tau" else given.q)[:, exchanged]})
+    found = refused(given.robot, tmp_path, columns)
+    assert [one.name for one in found] in (["torque_order"], ["joint_order"])
+    assert found[0].apply is not None
+    cured = read(given.robot, tmp_path, columns, cures=1)
+    q, tau = signals(cured)
+    # Exchanged torques and exchanged positions are the same, but for what the legs are called.
+    of_leg = {tuple(np.round(q[200, 3 * leg : 3 * leg + 3], 3)): tau[200, 3 * leg] for leg in range(legs)}
+    for leg in range(legs):
+        own = tuple(np.round(given.q[200, 3 * leg : 3 * leg + 3], 3))
+        assert of_leg[own] == pytest.approx(given.tau[200, 3 * leg], abs=1e-6)
+
+
+def test_columns_from_the_last_joint_on_are_one_finding(tmp_path: Path) -> None:
+    given = log("ur10", 5)
+    found = refused(given.robot, tmp_path, given.columns(tau=given.tau[:, ::-1]))
+    assert [one.name for one in found] == ["torque_order"]
+    q, tau = signals(read(given.robot, tmp_path, given.columns(tau=given.tau[:, ::-1]), cures=1))
+    np.testing.assert_allclose(tau, given.tau, atol=1e-9)
+    np.testing.assert_allclose(q, given.q, atol=1e-9)
+
+
+def test_untouched_legs_have_no_finding(tmp_path: Path) -> None:
+    for legs in (2, 4):
+        given = log_of(legged(legs, seed=legs + 5), seed=legs)
+        assert [one for one in read(given.robot, tmp_path, given.columns()).checks if one.status != "ok"] == []
+
+
+def test_chains_of_a_tree_end_where_it_branches() -> None:
+    assert chains_of(legged(2)) == [[0, 1, 2], [3, 4, 5]]
+    assert chains_of(log().robot) == [list(range(6))]
+
+
+@pytest.mark.parametrize(("name", "seed", "first", "times"), [
+    ("ur10", 1, 3, 207.0), ("ur10", 2, 3, 45.0), ("ur10", 3, 4, 1900.0), ("franka_panda", 4, 4, 130.0),
+    ("ur10", 5, 2, 1.0 / 300.0),
+])  # fmt: skip
+def test_drives_of_another_make_are_one_group_with_a_ratio(
+    tmp_path: Path, name: str, seed: int, first: int, times: float
+) -> None:
+    given = log(name, seed)
+    factors = np.where(np.arange(given.robot.n) >= first, times, 1.0)
+    columns = given.columns(tau=given.tau * factors)
+    try:
+        checks = read(given.robot, tmp_path, columns).checks
+    except RecordingError as error:
+        checks = error.checks
+    found = [one for one in checks if one.status != "ok" and one.name not in ("saturation", "registers")]
+    assert [one.name for one in found] == ["torque_scale"]
+    for joint, joint_name in enumerate(given.robot.joint_names):
+        assert (joint_name in found[0].detail) == (joint >= first), found[0].detail
+    questions = [one for one in guess(given.robot, columns).questions if one.field == "units/tau"]
+    assert len(questions) == 1
+
+
+@pytest.mark.parametrize(("seed", "gain"), [(1, 900.0), (2, 4000.0), (3, 250.0)])
+def test_an_error_of_a_controller_in_the_place_of_a_torque_is_asked_and_never_fit_for_use(
+    tmp_path: Path, seed: int, gain: float
+) -> None:
+    given = log("ur10", seed)
+    columns = given.columns(tau=given.tau / gain)
+    named = {key.replace("tau", "effort_"): values for key, values in columns.items()}
+    asked = {one.field: one for one in guess(given.robot, named).questions}
+    assert "the error of a controller" in asked["units/tau"].detail
+    found = read(given.robot, tmp_path, columns)
+    model = identify(given.robot, [found.recording], [found.recording])
+    judged = verdict(model, [found.recording], checks={"log": found.checks})
+    assert not any(use.fit for use in judged.uses)
+
+
+@pytest.mark.parametrize("position", [0.0, 0.4])
+@pytest.mark.parametrize("by_name", [True, False])
+def test_a_finger_that_stands_and_has_no_torque_is_to_be_locked(position: float, by_name: bool) -> None:
+    given = log("ur10", 7)
+    finger = "wrist_3_joint"
+    columns = given.columns(q=np.column_stack([given.q[:, :5], np.full(len(given.t), position)]))
+    del columns["tau6"]
+    if by_name:
+        names = given.robot.joint_names
+        columns = {key if key == "t" else f"{key[:-1]}_{names[int(key[-1]) - 1]}": v for key, v in columns.items()}
+    (asked,) = guess(given.robot, columns).questions
+    at = f"={position:g}" if position else ""
+    assert asked.detail == f"{finger} stands still and has no torque: lock it, --lock {finger}{at}."
+
+
+def test_a_joint_of_the_robot_that_the_file_has_not_is_to_be_locked_and_one_of_the_file_alone_is_told() -> None:
+    given = log("ur10", 7)
+    names = given.robot.joint_names
+    lacking = {f"{names[int(key[-1]) - 1]}/{key[:-1]}" if key != "t" else key: v for key, v in given.columns().items()}
+    whole = dict(lacking)
+    for kind in ("q", "tau"):
+        del lacking[f"wrist_3_joint/{kind}"]
+    (asked,) = guess(given.robot, lacking).questions
+    assert asked.detail == "wrist_3_joint is in the robot, and not in the file: lock it, --lock wrist_3_joint."
+    whole |= {"finger_joint/q": 0.1 * np.sin(given.t), "finger_joint/tau": np.cos(given.t)}
+    found = guess(given.robot, whole)
+    assert found.questions == ()
+    assert "finger_joint/q, finger_joint/tau" in [one.value for one in found.guesses if one.field == "columns"]
+
+
+def test_a_joint_that_moves_without_a_column_of_torque_is_used_without() -> None:
+    given = log("ur10", 8)
+    columns = given.columns()
+    del columns["tau5"]
+    found = guess(given.robot, columns)
+    assert found.questions == ()
+    assert found.columns["tau5"] == "none"
+    assert found.columns["tau6"] == "tau6"

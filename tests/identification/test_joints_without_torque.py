@@ -1,0 +1,193 @@
+"""A joint that moves and whose torque was not recorded: its equation is left out, its motion is used."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from strangers import FloatArray, guess, log, read
+
+from dynident.diagnosis import compare, diagnose
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.estimation import Errors
+from dynident.export import export_model
+from dynident.identification import (
+    Identification,
+    IdentificationChoices,
+    extend,
+    from_bytes,
+    identify,
+    remove,
+    to_bytes,
+)
+from dynident.recordings import Recording, RecordingError, open_recording
+from dynident.recordings.phases import Phase
+from dynident.validation import validate_simulation
+from dynident.verdict import verdict
+
+CASES = [("ur10", 4, 3, 100.0), ("ur10", 0, 4, 200.0), ("franka_panda", 6, 5, 100.0)]
+
+
+def silenced(tau: FloatArray, joint: int, value: float = np.nan) -> FloatArray:
+    changed = tau.copy()
+    changed[:, joint] = value
+    return changed
+
+
+@cache
+def recorded(folder: Path, name: str, joint: int, seed: int, rate: float) -> tuple[Recording, Recording]:
+    """Two recordings of an arm without the torque of a joint."""
+    found = []
+    for k in (seed, seed + 10):
+        given = log(name, k, rate)
+        (folder / str(k)).mkdir(exist_ok=True)
+        found.append(read(given.robot, folder / str(k), given.columns(tau=silenced(given.tau, joint))).recording)
+    return found[0], found[1]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("silent")
+
+
+@cache
+def identified(folder: Path, name: str, joint: int, seed: int, rate: float) -> Identification:
+    fit, held = recorded(folder, name, joint, seed, rate)
+    return identify(log(name, seed, rate).robot, [fit], [held])
+
+
+def errors_without(errors: Errors, joint: int) -> float:
+    keep = np.arange(len(errors.squares)) != joint
+    return float(np.sqrt(errors.squares[keep].sum() / errors.measured[keep].sum()))
+
+
+@pytest.mark.parametrize(("name", "joint", "seed", "rate"), CASES)
+def test_the_other_joints_are_identified_as_well_as_with_it(
+    folder: Path, name: str, joint: int, seed: int, rate: float
+) -> None:
+    given = log(name, seed, rate)
+    found, silent = identified(folder, name, joint, seed, rate), given.robot.joint_names[joint]
+    assert found.held_out is not None
+    assert found.held_out.counts[joint] == 0
+    assert np.delete(found.held_out.counts, joint).all()
+    whole = []
+    for k in (seed, seed + 10):
+        (folder / f"whole {k}").mkdir(exist_ok=True)
+        more = log(name, k, rate)
+        whole.append(read(more.robot, folder / f"whole {k}", more.columns()).recording)
+    with_it = identify(given.robot, whole[:1], whole[1:])
+    assert with_it.held_out is not None
+    assert errors_without(found.held_out, joint) < 1.2 * errors_without(with_it.held_out, joint)
+    # Its own friction and drive are not known, and said to be.
+    assert not [one for one in found.parameters if one.link == silent and one.effect in ("coulomb", "viscous")]
+    (told,) = [one for one in found.warnings if silent in one and "not identifiable" in one]
+    assert f"Fc{joint + 1}, Fv{joint + 1}" in told
+    assert not [one for one in found.warnings if one.startswith("Not separable")]
+    # What is in both models has the same values.
+    known = {one.name: one for one in with_it.parameters}
+    for one in found.parameters:
+        other = known[one.name]
+        if other.standard_deviation > 0 and one.effect in ("coulomb", "viscous"):
+            assert one.value == pytest.approx(other.value, abs=6 * other.standard_deviation, rel=0.02)
+
+
+@pytest.mark.parametrize(("name", "joint", "seed", "rate"), CASES[:1])
+def test_whatever_is_done_with_the_model_goes_on_without_that_torque(
+    folder: Path, name: str, joint: int, seed: int, rate: float
+) -> None:
+    found = identified(folder, name, joint, seed, rate)
+    fit, held = recorded(folder, name, joint, seed, rate)
+    silent = found.model.robot.joint_names[joint]
+    again = from_bytes(to_bytes(found))
+    assert again.model.robot.joints_without_torque == (silent,)
+    assert again.model.base.kept == found.model.base.kept
+    comparison = compare(found, held)
+    assert (comparison.phase[:, joint] == Phase.NO_TORQUE).all()
+    assert comparison.errors.counts[joint] == 0
+    assert not comparison.residual[:, joint].any()
+    diagnosis = diagnose(found, [fit])
+    assert not [one for one in diagnosis.recommended if one.joints == (silent,)]
+    grown = extend(again, [EffectChoice("offset")], [fit], [held])
+    assert {one.link for one in grown.parameters if one.effect == "offset"} == set(fit.joint_names) - {silent}
+    with pytest.raises(DynidentError):
+        extend(again, [EffectChoice("stribeck", (silent,))], [fit], [held])
+    fewer = remove(grown, [EffectChoice("offset")])
+    assert fewer.model.n_parameters == found.model.n_parameters
+    simulated = validate_simulation(found, held)
+    assert simulated.torque is None or simulated.torque.counts[joint] == 0
+    for form in ("urdf", "c", "json"):
+        assert any(silent in note and "no recording" in note for note in export_model(found, form).notes)
+    judged = verdict(found, [fit], [held])
+    assert all(silent in use.reason for use in judged.uses if use.fit)
+
+
+@pytest.mark.parametrize("estimator", ["ols", "irls", "feasible", "ekf"])
+def test_every_estimator_does_without_it(folder: Path, estimator: str) -> None:
+    name, joint, seed, rate = CASES[0]
+    fit, held = recorded(folder, name, joint, seed, rate)
+    found = identify(log(name, seed, rate).robot, [fit], [held], IdentificationChoices(estimator=estimator))
+    assert found.held_out is not None
+    assert found.held_out.relative_total < 0.05
+
+
+@pytest.mark.parametrize("model", ["power", "energy"])
+def test_what_needs_the_work_of_all_joints_is_refused(folder: Path, model: str) -> None:
+    fit, _ = recorded(folder, *CASES[0])
+    with pytest.raises(DynidentError, match="no torque of wrist_2_joint") as raised:
+        identify(log().robot, [fit], choices=IdentificationChoices(model=model))
+    assert raised.value.pointer == "/model"
+
+
+def test_one_recording_with_the_torque_is_enough(folder: Path) -> None:
+    name, joint, seed, rate = CASES[0]
+    fit, held = recorded(folder, name, joint, seed, rate)
+    given = log(name, seed + 20, rate)
+    whole = read(given.robot, folder, given.columns()).recording
+    found = identify(given.robot, [fit, whole], [held])
+    assert found.model.robot.joints_without_torque == ()
+    assert [one for one in found.parameters if one.link == "wrist_2_joint" and one.effect == "coulomb"]
+    assert found.held_out is not None
+    assert found.held_out.counts[joint] == 0
+
+
+def test_a_torque_without_numbers_or_one_that_is_said_not_to_be_recorded_is_told_and_kept(tmp_path: Path) -> None:
+    given = log()
+    found = read(given.robot, tmp_path, given.columns(tau=silenced(given.tau, 4)))
+    (told,) = [one for one in found.checks if one.name == "joint_torque"]
+    assert told.status == "warning"
+    assert "wrist_2_joint has no torque: its equation is left out, its motion is used" in told.detail
+    assert not [one for one in found.checks if one.name in ("rows_left_out", "missing_values") and one.status != "ok"]
+    assert found.recording.path is not None
+    assert open_recording(found.recording.path).joints_without_torque == ("wrist_2_joint",)
+    columns = {key: values for key, values in given.columns().items() if key != "tau5"}
+    with pytest.raises(RecordingError, match=r'say \{"tau5": "none"\}, and its motion is used'):
+        read(given.robot, tmp_path, columns)
+    said = read(given.robot, tmp_path, columns, columns={"tau5": "none"})
+    assert said.recording.joints_without_torque == ("wrist_2_joint",)
+
+
+def test_a_torque_that_is_zero_throughout_is_refused_with_that_as_its_cure(tmp_path: Path) -> None:
+    given = log()
+    columns = given.columns(tau=silenced(given.tau, 4, 0.0))
+    with pytest.raises(RecordingError, match="the torque was not recorded") as raised:
+        read(given.robot, tmp_path, columns)
+    assert '"columns": {"tau5": "none"}' in str(raised.value)
+    assert read(given.robot, tmp_path, columns, cures=1).recording.joints_without_torque == ("wrist_2_joint",)
+
+
+def test_a_file_without_any_torque_is_refused(tmp_path: Path) -> None:
+    given = log()
+    with pytest.raises(RecordingError):
+        read(given.robot, tmp_path, given.columns(tau=np.full_like(given.tau, np.nan)))
+
+
+@pytest.mark.parametrize("joint", [0, 2, 5])
+def test_inspection_tells_it_and_asks_nothing(joint: int) -> None:
+    given = log("ur10", 6)
+    found = guess(given.robot, given.columns(tau=silenced(given.tau, joint)))
+    assert found.questions == ()
+    (told,) = [one for one in found.guesses if one.field == f"columns/tau{joint + 1}"]
+    assert f"{given.robot.joint_names[joint]} has no torque" in told.reason

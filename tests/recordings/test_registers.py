@@ -1,0 +1,84 @@
+"""Registers whose sign a log has not read are told, read, and left as they are where somebody says so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from strangers import Log, guess, log, read, signals
+
+from dynident.recordings.conditioning.registers import find_register
+
+COUNTS = {7: 100.0, 10: 900.0, 11: 1500.0, 15: 20000.0, 31: 1.5e9}
+
+
+def counted(given: Log, bit: int) -> tuple[np.ndarray, np.ndarray]:
+    """Torques in whole counts of a register with a sign in that bit, and what makes N m of each joint's."""
+    scale = np.abs(given.tau).max(axis=0) / COUNTS[bit]
+    return np.rint(given.tau / scale), scale
+
+
+def unsigned(counts: np.ndarray, bit: int, kind: str) -> np.ndarray:
+    return np.where(counts < 0, 2.0**bit - counts if kind == "sign bit" else 2.0 ** (bit + 1) + counts, counts)
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "rate", "bit", "kind"),
+    [
+        ("ur10", 1, 50.0, 10, "sign bit"),
+        ("ur10", 2, 200.0, 11, "sign bit"),
+        ("franka_panda", 3, 100.0, 15, "sign bit"),
+        ("crooked", 4, 100.0, 10, "sign bit"),
+        ("ur10", 5, 100.0, 15, "complement"),
+        ("franka_panda", 6, 50.0, 31, "complement"),
+        ("crooked", 7, 200.0, 7, "complement"),
+    ],
+)
+def test_torques_of_registers_are_read_with_their_sign(
+    tmp_path: Path, name: str, seed: int, rate: float, bit: int, kind: str
+) -> None:
+    given = log(name, seed, rate)
+    counts, _ = counted(given, bit)
+    columns = given.columns(tau=unsigned(counts, bit, kind))
+    accept = ("torque_scale", "torque_sign", "torque_order", "quantisation", "saturation")
+    found = read(given.robot, tmp_path, columns, accept=accept)
+    (check,) = [one for one in found.checks if one.name == "registers"]
+    assert check.status == "warning"
+    assert f"jump by {2**bit if kind == 'sign bit' else 2 ** (bit + 1)} around zero" in check.detail
+    np.testing.assert_allclose(signals(found)[1], counts, atol=0.02 * COUNTS[bit])
+    told = {one.field: one.value for one in guess(given.robot, columns).guesses}
+    assert told["rows/registers"] == "put right"
+
+
+def test_registers_are_left_as_they_are_where_somebody_says_so(tmp_path: Path) -> None:
+    given = log()
+    raw = unsigned(counted(given, 10)[0], 10, "sign bit")
+    accept = ("torque_scale", "torque_sign", "torque_order", "joint_order", "quantisation", "saturation")
+    skip = ("registers", "corrupted_samples", "held_samples")
+    found = read(given.robot, tmp_path, given.columns(tau=raw), accept=accept, skip=skip)
+    assert not [one for one in found.checks if one.name == "registers"]
+    np.testing.assert_allclose(signals(found)[1], raw, atol=1e-6)
+
+
+def test_a_wrapped_position_of_a_multi_turn_counter_is_read_with_its_sign(tmp_path: Path) -> None:
+    given = log()
+    counts = np.rint(given.q * 65536 / (2 * np.pi) / 4)
+    columns = given.columns(q=np.where(counts < 0, 65536 + counts, counts))
+    found = read(given.robot, tmp_path, columns, units={"q": "counts:16384"}, skip=("corrupted_samples",))
+    np.testing.assert_allclose(signals(found)[0], given.q, atol=1e-3)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1.0], ids=["signed", "above zero"])
+@pytest.mark.parametrize("size", [300.0, 1500.0, 40000.0])
+def test_whole_numbers_that_are_no_registers_are_left_alone(size: float, offset: float) -> None:
+    tau = log().tau
+    counts = np.rint(size * (tau / np.abs(tau).max(axis=0) + offset))
+    assert find_register(counts, np.ones(len(counts) - 1, dtype=bool)) is None
+
+
+def test_single_corrupted_samples_make_no_register() -> None:
+    tau = log().tau
+    counts = np.abs(np.rint(300 * tau / np.abs(tau).max(axis=0)))
+    counts[500, 2] = 1100.0
+    assert find_register(counts, np.ones(len(counts) - 1, dtype=bool)) is None
