@@ -68,7 +68,7 @@ def test_a_burst_no_longer_than_what_a_filter_makes_of_a_step_is_no_contact(monk
 
     def try_one(data: Any, base: Any, candidate: Candidate, noise: Any, independent: float) -> Any:
         tried.append(candidate)
-        return SimpleNamespace(candidate=candidate, drop=0.0), 1.0
+        return SimpleNamespace(candidate=candidate, drop=0.0, t=0.0), 1.0
 
     monkeypatch.setattr(transients, "_tried", try_one)
     burst = Candidate("external_contact", (), (("t0", 1.0), ("t1", 1.0 + seconds)), (3, 4, 5))

@@ -14,14 +14,16 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.diagnosis.candidates.gathering import gather
-from dynident.diagnosis.candidates.pool import pool_of
+from dynident.diagnosis.candidates.pool import Pool, pool_of
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.result import UnknownPattern
 from dynident.diagnosis.search.state import Finding
 from dynident.diagnosis.search.transients import find_contacts
 from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
 from dynident.estimation import OutlyingSpan, concatenate, find_outlying_spans
 from dynident.identification import Identification
+from dynident.identification.study.extending import extend_at_once
 from dynident.identification.study.fitting import identify_model
 from dynident.progress import silent
 from dynident.recordings import Recording
@@ -51,15 +53,16 @@ _SLOWEST = 10.0
 class Disturbance:
     """From `start` to `end` (s) of a recording, in its run `run`, the residual is `ratio` times that of the other rows.
 
-    `share` (n,): of every joint's squared residual, what is in it; `cause`: what explains it better than a push, in
-    words; `contact`: the push that explains it, `force` the force of it in the middle, N along the axes of the base
-    (3,); None where none does.
+    `steps`: the same where it begins and ends at once. `share` (n,): of every joint's squared residual, what is in it;
+    `cause`: what explains it better than a push, in words; `contact`: the push that explains it, `force` the force of
+    it in the middle, N along the axes of the base (3,); None where none does.
     """
 
     recording: int
     run: str
     start: float
     end: float
+    steps: tuple[float, float]
     ratio: float
     share: FloatArray
     cause: str = ""
@@ -124,6 +127,9 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
     ]
     again = identify_model(model, cut, (), identification.choices, preprocessing, reference, silent)
     named = [one if one.cause else _with_contact(one, again, recordings[one.recording]) for one in found]
+    pushes = [one.contact.judged.candidate.choice for one in named if one.contact is not None]
+    if pushes and not _can_be_added(identification, pushes, recordings):
+        named = [replace(one, contact=None, cause=_push_in_words(one, again)) for one in named]
     return UndisturbedData(again, tuple(cut), tuple(named))
 
 
@@ -143,12 +149,13 @@ def _disturbance(span: OutlyingSpan, number: int, recording: Recording, comparis
     level = np.sqrt(np.median(smooth[~inside]) * np.median(smooth[rows]))
     smallest = np.finfo(float).tiny
     first, last = _richest_part(np.log(np.maximum(smooth[rows], smallest) / max(level, smallest)))
-    start, end = _half_heights(comparison.t, np.sqrt(power), rows[first], rows[last])
+    start, end = float(comparison.t[rows[first]]), float(comparison.t[rows[last]])
+    steps = _half_heights(comparison.t, np.sqrt(power), int(rows[first]), int(rows[last]))
     own = inside & (comparison.t >= start) & (comparison.t <= end)
     squares = (residual**2).sum(axis=0)
     share = np.divide((residual[own] ** 2).sum(axis=0), squares, out=np.zeros_like(squares), where=squares > 0)
     cause = _cause(comparison, own, usual)
-    return Disturbance(number, recording.run_label(int(segment)), start, end, span.ratio, share, cause)
+    return Disturbance(number, recording.run_label(int(segment)), start, end, steps, span.ratio, share, cause)
 
 
 def _cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> str:
@@ -170,6 +177,44 @@ def _cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> str:
     if left[best] < (1.0 - _EXPLAINED) * before:
         return f"the torque is {abs(best) * 1e3:.0f} ms {'late' if best > 0 else 'early'}: a clock that jumped"
     return ""
+
+
+def _usual(residual: FloatArray, rows: BoolArray) -> FloatArray:
+    """(n,): median size of the residual (m, n) on some rows (m, n) of every joint; of one without rows, of all."""
+    sizes = [np.abs(residual[own, j]) for j, own in enumerate(rows.T)]
+    medians = np.array([float(np.median(own)) if len(own) else 0.0 for own in sizes])
+    largest = float(medians.max(initial=0.0))
+    return np.where(medians > 0.0, medians, largest if largest > 0.0 else 1.0)
+
+
+def _richest_part(values: FloatArray) -> tuple[int, int]:
+    """First and last index of the part with the largest sum."""
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    gains = sums - np.minimum.accumulate(sums)
+    last = max(int(np.argmax(gains)), 1)
+    return int(np.argmin(sums[:last])), last - 1
+
+
+def _half_heights(t: FloatArray, size: FloatArray, first: int, last: int) -> tuple[float, float]:
+    """Times about rows `first` and `last` at which a residual of this size (m,) rises to half its height, and falls.
+
+    A filter without phase makes of a step one that is at half its height where the step is. The height is that of the
+    tenth of the span beside the end: what a force does to the joints changes with the posture.
+    """
+    beside = max(2, (last - first) // 10)
+    ends = []
+    for edge, step in ((first, 1), (last, -1)):
+        half = 0.5 * float(np.median(size[edge + step * beside : edge + 2 * step * beside : step]))
+        k = edge
+        while k != edge + step * beside and size[k] < half:
+            k += step
+        before = k - step
+        if 0 <= before < len(t) and size[before] < half < size[k] and abs(t[k] - t[before]) < _SMOOTH:
+            share = (size[k] - half) / (size[k] - size[before])
+            ends.append(float(t[k] + share * (t[before] - t[k])))
+        else:
+            ends.append(float(t[k]))
+    return (ends[0], ends[1]) if ends[0] < ends[1] else (float(t[first]), float(t[last]))
 
 
 def _usual(residual: FloatArray, rows: BoolArray) -> FloatArray:
@@ -232,20 +277,37 @@ def _with_contact(one: Disturbance, identification: Identification, recording: R
     model = identification.model
     robot = model.robot
     links = range(robot.tree.n) if robot.linkage is None else (robot.tree.n - 1,)
-    shapes = [{"t0": one.start, "t1": one.end} | ({"link": k + 1.0} if k + 1 < robot.tree.n else {}) for k in links]
+    windows = ((one.start, one.end), one.steps)
+    shapes = [
+        {"t0": start, "t1": end} | ({"link": k + 1.0} if k + 1 < robot.tree.n else {})
+        for start, end in dict.fromkeys(windows)
+        for k in links
+    ]
     choices = [EffectChoice("external_contact", (), tuple(sorted(shape.items())), (one.run,)) for shape in shapes]
     pool = pool_of(model, choices)
     reference = identification.estimate.next_reference()
     data = gather(pool.observation, model.signals, [recording], identification.preprocessing, reference, pool.n_base)
     base = tuple(range(pool.n_base))
-    contacts = find_contacts(data, pool, base, identification.noise, identification.preprocessing)
+    contacts = [
+        contact
+        for start in dict.fromkeys(window[0] for window in windows)
+        for contact in find_contacts(
+            data, _beginning(pool, start), base, identification.noise, identification.preprocessing
+        )
+    ]
     if not contacts:
         return one
-    amplitudes = contacts[0].judged.amplitudes
-    names = [pool.observation.columns[k].parameter for k in contacts[0].judged.candidate.columns]
-    at = dict(zip(names, amplitudes.tolist(), strict=True))
+    best = max(contacts, key=lambda contact: contact.judged.t)
+    names = [pool.observation.columns[k].parameter for k in best.judged.candidate.columns]
+    at = dict(zip(names, best.judged.amplitudes.tolist(), strict=True))
     force = np.array([at.get(f"f{axis}", 0.0) + at.get(f"f{axis}h", 0.0) for axis in "xyz"])
-    return replace(one, contact=contacts[0], force=force)
+    window = dict(best.judged.candidate.shape)
+    return replace(one, start=float(window["t0"]), end=float(window["t1"]), contact=best, force=force)
+
+
+def _beginning(pool: Pool, start: float) -> Pool:
+    """The same pool with the candidates of one window alone."""
+    return replace(pool, candidates=tuple(one for one in pool.candidates if dict(one.shape)["t0"] == start))
 
 
 def _sentence(one: Disturbance, identification: Identification) -> str:
@@ -261,6 +323,15 @@ def _sentence(one: Disturbance, identification: Identification) -> str:
             "push on a link explains it: a collision, a load that was picked up, a brake, or a drive that was off. "
             f"Leave these seconds out of the identification. {apart}"
         )
+    push = _push_in_words(one, identification)
+    return f"{when} {push}: leave these seconds out of the identification, or add the contact. {apart}"
+
+
+def _push_in_words(one: Disturbance, identification: Identification) -> str:
+    """What the push of a disturbance may have been; the cause that stands already where there is none."""
+    if one.contact is None or one.force is None:
+        return one.cause
+    robot = identification.model.robot
     link = int(dict(one.contact.judged.candidate.shape).get("link", 0.0))
     size, gravity = float(np.linalg.norm(one.force)), robot.gravity
     # Where along the arm it is pushed, a few seconds hardly tell: a force farther out may do the same.
@@ -269,4 +340,15 @@ def _sentence(one: Disturbance, identification: Identification) -> str:
         push = f"something outside pushed the last link with some {size:.2g} N"
     if size > 0.0 and float(one.force @ gravity) > _UPRIGHT * size * float(np.linalg.norm(gravity)):
         push += f", or it carried some {size / float(np.linalg.norm(gravity)):.2g} kg"
-    return f"{when} {push}: leave these seconds out of the identification, or add the contact. {apart}"
+    return push
+
+
+def _can_be_added(
+    identification: Identification, pushes: Sequence[EffectChoice], recordings: Sequence[Recording]
+) -> bool:
+    """Whether the recordings determine a model with the pushes in it."""
+    try:
+        extend_at_once(identification, pushes, recordings)
+    except DynidentError:
+        return False
+    return True

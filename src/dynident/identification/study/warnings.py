@@ -77,7 +77,8 @@ def _misfit(identification: Identification) -> list[str]:
     worst = identification.model.robot.joint_names[int(np.argmax(identification.fit.rms))]
     return [
         f"Even in the fit {left:.0%} of the torque is left unexplained, most on {worst}: look at the order, signs and "
-        "units of the columns, at the joints' axes and gravity in the description, and for loads that it lacks."
+        "units of the columns, at the joints' axes and gravity in the description, for loads that it lacks, and for "
+        "joints that give."
     ]
 
 
