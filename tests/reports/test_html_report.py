@@ -216,7 +216,7 @@ def test_the_robot_the_filters_and_where_it_comes_from_are_told() -> None:
     assert "10.0 Hz" in PAGE.text["data"]
     assert "every 3rd row" in PAGE.text["data"]
     assert "2026-03-04 05:06 UTC" in PAGE.text["provenance"]
-    assert "WLS" in PAGE.text["model"]
+    assert "AUTO" in PAGE.text["model"]
 
 
 def test_the_effective_number_of_samples_is_shown_for_every_joint() -> None:

@@ -196,11 +196,17 @@ def examine(
 
 
 def _evenly(identification: Identification) -> Identification:
-    """The model from rows that count alike: what is missing in its friction shows where joints turn round."""
+    """The model from rows that count alike, by plain least squares.
+
+    What is missing in its friction shows where joints turn round; what holds parameters to bodies that can exist would
+    be in the residual as if it were missing, too.
+    """
     choices, estimate = identification.choices, identification.estimate
-    if not choices.weighs_turns or not choices.plan.from_reduced or estimate.not_essential:
+    is_held = choices.solver.possible_where_free
+    if not (choices.weighs_turns or is_held) or not choices.plan.from_reduced or estimate.not_essential:
         return identification
-    return reidentify(identification, replace(choices, weigh_turns=False))
+    estimator = "wls" if is_held else choices.estimator
+    return reidentify(identification, replace(choices, weigh_turns=False, estimator=estimator))
 
 
 def _start(data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray) -> State:
