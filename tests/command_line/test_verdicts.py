@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pyarrow as pa
@@ -9,6 +10,7 @@ import pyarrow.csv as pacsv
 import pytest
 from running_commands import ROBOT, dynident, write_run
 
+import dynident as dynident_package
 from dynident.robot import urdf_from_robot
 
 
@@ -73,3 +75,14 @@ def test_an_extended_model_ends_with_a_verdict_too(desk: Path, tmp_path: Path) -
     uses = dynident(*more, "--json").document["verdict"]["uses"]
     assert {one["state"] for one in uses} <= {"yes", "limited", "no", "not_judged"}
     assert all(one["next_step"] for one in uses)
+
+
+def test_every_command_that_a_verdict_names_is_there_with_its_options() -> None:
+    rooms = sorted((Path(dynident_package.__file__).parent / "verdict").glob("*.py"))
+    text = re.sub(r'"\s*\n\s*"', "", "".join(path.read_text(encoding="utf-8") for path in rooms))
+    named = set(re.findall(r"dynident (identify|diagnose|validate|export|design|gains)\b([^.`\"]*)", text))
+    assert {verb for verb, _ in named} == {"identify", "diagnose", "validate", "export", "design", "gains"}
+    for verb, rest in named:
+        explained = dynident(verb, "--help").out
+        for option in re.findall(r"(?<!\S)--?[a-z]+", rest):
+            assert option in explained, (verb, option)
