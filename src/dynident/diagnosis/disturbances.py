@@ -19,7 +19,7 @@ from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.result import UnknownPattern
 from dynident.diagnosis.search.state import Finding
 from dynident.diagnosis.search.transients import find_contacts
-from dynident.effects import EffectChoice
+from dynident.effects import CATALOGUE, EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import OutlyingSpan, concatenate, find_outlying_spans
 from dynident.identification import Identification
@@ -28,6 +28,9 @@ from dynident.identification.study.fitting import identify_model
 from dynident.progress import silent
 from dynident.recordings import Recording
 from dynident.regressors.stream import reduce_recordings
+
+PUSH = next(effect.id for effect in CATALOGUE.values() if effect.is_transient)
+"""The effect that acts for a while."""
 
 _SILENT = 0.1
 """Share of the predicted torque's changes below which that of a drive hardly changes: its brake holds, or it is off."""
@@ -217,39 +220,6 @@ def _half_heights(t: FloatArray, size: FloatArray, first: int, last: int) -> tup
     return (ends[0], ends[1]) if ends[0] < ends[1] else (float(t[first]), float(t[last]))
 
 
-def _usual(residual: FloatArray, rows: BoolArray) -> FloatArray:
-    """(n,): median size of the residual (m, n) on some rows (m, n) of every joint; of one without rows, of all."""
-    sizes = [np.abs(residual[own, j]) for j, own in enumerate(rows.T)]
-    medians = np.array([float(np.median(own)) if len(own) else 0.0 for own in sizes])
-    largest = float(medians.max(initial=0.0))
-    return np.where(medians > 0.0, medians, largest if largest > 0.0 else 1.0)
-
-
-def _richest_part(values: FloatArray) -> tuple[int, int]:
-    """First and last index of the part with the largest sum."""
-    sums = np.concatenate([[0.0], np.cumsum(values)])
-    gains = sums - np.minimum.accumulate(sums)
-    last = max(int(np.argmax(gains)), 1)
-    return int(np.argmin(sums[:last])), last - 1
-
-
-def _half_heights(t: FloatArray, size: FloatArray, first: int, last: int) -> tuple[float, float]:
-    """Times about rows `first` and `last` at which a residual of this size (m,) rises to half its height, and falls.
-
-    A filter without phase makes of a step one that is at half its height where the step is.
-    """
-    half = 0.5 * float(np.median(size[first : last + 1]))
-    high = first + np.flatnonzero(size[first : last + 1] >= half)
-    ends = []
-    for k, before in ((int(high[0]), int(high[0]) - 1), (int(high[-1]), int(high[-1]) + 1)):
-        if 0 <= before < len(t) and size[before] < half and abs(t[k] - t[before]) < _SMOOTH:
-            share = (size[k] - half) / (size[k] - size[before])
-            ends.append(float(t[k] + share * (t[before] - t[k])))
-        else:
-            ends.append(float(t[k]))
-    return ends[0], ends[1]
-
-
 def _width(identification: Identification) -> float:
     """Seconds over which the filters smear what is disturbed."""
     cutoffs = [
@@ -283,7 +253,7 @@ def _with_contact(one: Disturbance, identification: Identification, recording: R
         for start, end in dict.fromkeys(windows)
         for k in links
     ]
-    choices = [EffectChoice("external_contact", (), tuple(sorted(shape.items())), (one.run,)) for shape in shapes]
+    choices = [EffectChoice(PUSH, (), tuple(sorted(shape.items())), (one.run,)) for shape in shapes]
     pool = pool_of(model, choices)
     reference = identification.estimate.next_reference()
     data = gather(pool.observation, model.signals, [recording], identification.preprocessing, reference, pool.n_base)
