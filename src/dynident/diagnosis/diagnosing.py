@@ -14,7 +14,7 @@ from dynident.diagnosis.candidates.pool import Pool, build_pool
 from dynident.diagnosis.changes import changes_of, summary_of, together
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import sensor_noise
-from dynident.diagnosis.disturbances import leave_out_disturbances
+from dynident.diagnosis.disturbances import PUSH, leave_out_disturbances
 from dynident.diagnosis.doubts import Doubt, doubts_of
 from dynident.diagnosis.friction_since import friction_since, with_friction_differences
 from dynident.diagnosis.residuals.failure_map import failure_map
@@ -109,7 +109,13 @@ def examine(
     most_effects: int = DEFAULT_MOST_EFFECTS,
     progress: Progress = silent,
 ) -> Examination:
-    """Find what is missing as `diagnose` does, and keep what advice on the next experiment is made from."""
+    """Find what is missing as `diagnose` does, and keep what advice on the next experiment is made from.
+
+    Raises
+    ------
+    DynidentError
+        For recordings of poses at rest, which show nothing that is missing.
+    """
     check_candidates(candidates or ())
     if any(is_of_poses(recording) for recording in (*recordings, *baseline)):
         raise DynidentError(
@@ -157,7 +163,7 @@ def examine(
         picks, recommended = (*picks, *held), (*recommended, *(one.judged.candidate.choice for one in held))
         unknown = unknown_patterns(final) if held else unknown
     residual = _rms(final)
-    contacts = () if candidates and "external_contact" not in candidates else undisturbed.contacts
+    contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
     ranked = rank_all((*contacts, *picks), first, (*pushes, *recommended))
     unknown = (*undisturbed.unexplained, *unknown)

@@ -203,7 +203,8 @@ class Effect(ABC):
     reaches, and on each by enough to be seen there. `sits_on`: where some joints follow others,
     links hang on all joints of the tree, motors on the driven ones alone. `in_some_runs`: it is the same function as
     the model itself unless it is in some of the runs only. `holds_at_rest`: all of its one parameter holds a joint that
-    stands, whatever its shape constants, of which one says how fast it falls off. `may_change`: a robot gets it, or
+    stands, whatever its shape constants, of which one says how fast it falls off. `acts_at_rest`: poses at which the
+    robot stands tell its parameters, of links those of gravity. `may_change`: a robot gets it, or
     more or less of it, from one day to the next, `changes_with` names effects that then change, too, as a rule;
     `seldom_changes`: what is more usual and says as much takes the name. `shown_by` names parameters of which one at
     least has to act for the effect to be told by. `confused_with` names effects that leave much the same residual,
@@ -236,6 +237,7 @@ class Effect(ABC):
     needs_session: ClassVar[bool] = False
     in_some_runs: ClassVar[bool] = False
     holds_at_rest: ClassVar[bool] = False
+    acts_at_rest: ClassVar[bool] = False
     may_change: ClassVar[bool] = False
     changes_with: ClassVar[tuple[str, ...]] = ()
     seldom_changes: ClassVar[bool] = False

@@ -24,6 +24,7 @@ class RigidBody(Effect):
     """Ten inertial parameters a link, about the origin of the link's joint frame."""
 
     id = "rigid_body"
+    acts_at_rest = True
     is_inertia = True
     sits_on = "link"
     title = "Inertia, centrifugal, Coriolis and gravity torques of the links"

@@ -20,6 +20,7 @@ class Offset(Effect):
     """A constant torque: current sensor offset, or friction that differs between the directions."""
 
     id = "offset"
+    acts_at_rest = True
     title = "Torque offset"
     formula = r"b"
     parameters = (ParameterSpec("b", "N m", "constant torque", prismatic_unit="N", role="constant"),)
@@ -44,6 +45,7 @@ class JointSpring(Effect):
     """A cable, hose or balancing spring that pulls the joint to a rest position."""
 
     id = "joint_spring"
+    acts_at_rest = True
     title = "Joint spring"
     formula = r"k\,(q - q_0)"
     parameters = (

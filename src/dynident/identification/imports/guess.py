@@ -354,7 +354,7 @@ class _Guesser:
                 f"{self._shown(silent[0])} are 0 in every row: was the torque not recorded, or did the robot swing "
                 "with its motors off? Then only ratios can be found, inertia and friction over gravity."
             )
-            self._ask("effort_kind", detail, ("joint_torque",))
+            self.questions.append(Question("effort_kind", detail, ("joint_torque",), "constant_torque"))
             return None, "joint_torque"
         if not found:
             found = self._of_most_joints(position)

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import LINKS, OFFSETS, EffectChoice, ReferenceParameters, Signals, columns_of
+from dynident.effects import CATALOGUE, LINKS, OFFSETS, EffectChoice, ReferenceParameters, Signals, columns_of
 from dynident.errors import DynidentError
 from dynident.estimation import FactorAccumulator, Reduction
 from dynident.estimation.statistics import NORMAL_95
@@ -29,7 +29,7 @@ from dynident.regressors.base_parameters import base_parameters
 from dynident.regressors.model import Model, build_model
 from dynident.robot import Robot
 
-ACTING_AT_REST = (LINKS.effect, OFFSETS.effect, "joint_spring")
+ACTING_AT_REST = tuple(effect.id for effect in CATALOGUE.values() if effect.acts_at_rest)
 """Effects that hold a robot which stands, and need no constant that only a motion tells."""
 
 _MOST_STRETCHES = 100
