@@ -9,6 +9,7 @@ import pytest
 from strangers import FloatArray, guess, legged, log, log_of, read, signals
 
 from dynident.identification import identify
+from dynident.identification.mistakes.frictions import excess_of
 from dynident.identification.mistakes.search import chains_of
 from dynident.recordings import Check, RecordingError
 from dynident.robot import Robot
@@ -138,3 +139,12 @@ def test_a_joint_that_moves_without_a_column_of_torque_is_used_without() -> None
     assert found.questions == ()
     assert found.columns["tau5"] == "none"
     assert found.columns["tau6"] == "tau6"
+
+
+def test_a_joint_with_far_more_friction_than_others_with_a_drive_like_its_own_is_told() -> None:
+    robot = log().robot
+    size = np.array([15.0, 15.0, 10.0, 1.0, 1.0, 10.0])
+    limits = [joint.limits.effort for joint in robot.joints]
+    assert limits[3] == limits[4] == limits[5]
+    assert excess_of(robot, np.tile(size, (10, 1))) == {5: pytest.approx(10.0)}
+    assert excess_of(robot, np.tile(np.where(size == 10.0, 2.4, size), (10, 1))) == {}

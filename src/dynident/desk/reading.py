@@ -26,6 +26,8 @@ _REWORDED = (
     (re.compile(r'say "accept": \[("\w+")\]'), r"say metadata=dy.RecordingMetadata(accept=(\1,))"),
     (re.compile(r'say "skip": \[("\w+")\]'), r"say metadata=dy.RecordingMetadata(skip=(\1,))"),
     (re.compile(r'"units": (\{[^}]*\})'), r"units=\1"),
+    (re.compile(r'"columns": (\{[^}]*\})'), r"columns=\1"),
+    (re.compile(r'"locked_joints": (\{[^}]*\})'), r"load_robot(…, locked_joints=\1)"),
     (re.compile(r'Name it by columns, (\{"\w+": "…"\})'), r"Name it by columns=\1"),
     (re.compile(r'say "role": "(\w+)" for'), r'say metadata=dy.RecordingMetadata(role="\1") for'),
     (re.compile(r'give the robot "drives": .* in N m/A \(or [^)]*\)'), "give drive_gains in N m/A"),

@@ -26,6 +26,10 @@ APART_INNER, APART_OUTER = 5.0, 2.0
 on the open recordings, and of the outer half, whose drives are smaller: at most 0.3 there, and 1.5 is published of a
 Panda."""
 
+APART_ALIKE = 5.0
+"""Times the friction of every other joint with the same limit of effort, of which there are at least two: their drives
+are of one make. At most 2.4 on the open recordings, and this is half way from there to ten times."""
+
 AGREED = 0.75
 """Of each of these thresholds, where the masses of the description say of a joint that its torque is too large, too."""
 
@@ -68,12 +72,24 @@ def excess_of(robot: Robot, frictions: FloatArray, heavy: Collection[int] = ()) 
         ]
         if all(large):
             found |= {int(joint): float(share[joint]) / usual for joint in members}
+    found = found or _by_make(robot, size, known, limits)
     by_place = _by_place(robot, size, known, heavy)
     return found or {
         joint: times
         for joint, times in by_place.items()
         if share[joint] > _least(joint, heavy) * APART * _middle(share, joint)
     }
+
+
+def _by_make(robot: Robot, size: FloatArray, known: BoolArray, limits: FloatArray) -> dict[int, float]:
+    """The joints that turn whose friction is many times that of all others with a drive like theirs."""
+    turning = np.flatnonzero(known & _turning(robot))
+    found = {}
+    for joint in turning:
+        alike = [size[other] for other in turning if other != joint and limits[other] == limits[joint]]
+        if len(alike) >= 2 and size[joint] > APART_ALIKE * max(alike):
+            found[int(joint)] = float(size[joint] / np.median(alike))
+    return found
 
 
 def nearer_to_others(robot: Robot, frictions: FloatArray, joint: int, factor: float) -> bool:
