@@ -9,6 +9,7 @@ import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors import rows
@@ -72,6 +73,7 @@ def test_extending_gives_what_identifying_at_once_gives(kept, monkeypatch):
 
 def test_rows_of_other_recordings_are_not_taken():
     model = identify(ROBOT, RUNS, HELD_OUT, CHOICES)
+    model = replace(model, data=replace(model.data, digests=()))  # as of a version that did not note them
     others = [run(5, 20.0), run(6, 8.0)]
     found = extend(model, STEPS[0], others, HELD_OUT)
     expected = identify(ROBOT, others, HELD_OUT, replace(CHOICES, effects=(*PLAIN, *STEPS[0])))
@@ -85,3 +87,17 @@ def test_loads_are_predicted_anew_at_every_step():
     twice = extend(once, STEPS[0], RUNS, HELD_OUT)
     again = extend(from_bytes(to_bytes(once)), STEPS[0], RUNS, HELD_OUT)
     np.testing.assert_allclose(twice.values, again.values, rtol=1e-7, atol=1e-9)
+
+
+def test_other_recordings_than_those_of_the_model_are_refused_by_their_samples():
+    shortened = RUNS[1].with_windows(((1.0, 5.0),))
+    model = from_bytes(to_bytes(identify(ROBOT, RUNS, choices=CHOICES)))
+    added = STEPS[0][:1]
+    extend(model, added, [RUNS[1], replace(RUNS[0], name="the same under another name")])
+    for given, said in (
+        ([RUNS[0], shortened], "run 3 holds other samples"),
+        ([RUNS[0], HELD_OUT[0]], "run 2 holds other samples"),
+        (RUNS[:1], "some are missing"),
+    ):
+        with pytest.raises(DynidentError, match=rf"not the recordings .* identified from \(run 1, run 3\): {said}"):
+            extend(model, added, given)

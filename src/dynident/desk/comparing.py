@@ -19,7 +19,7 @@ from dynident.diagnosis import Comparison, Judgement, judge
 from dynident.diagnosis import compare as compare_recording
 from dynident.errors import DynidentError
 from dynident.html import block, listed, paragraph, table
-from dynident.identification import Identification
+from dynident.identification import Identification, check_same_recordings
 from dynident.progress import Progress, part, silent
 from dynident.recordings.phases import Phase
 from dynident.reports.numbers import number, percent
@@ -215,6 +215,8 @@ def compare(
     if not tried:
         raise DynidentError("give at least one recording to compare with", title="Recordings needed")
     seen = (known.recordings if learnt is None else as_recordings(learnt)).recordings
+    if learnt is not None:
+        check_same_recordings(known.identification, seen)
     found = []
     for index, item in enumerate(tried):
         share = part(progress, index / len(tried), (index + 1) / len(tried))

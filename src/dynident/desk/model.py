@@ -20,7 +20,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.export import PredictingModel, TorquePredictor
 from dynident.html import block, folded, listed, paragraph, table
-from dynident.identification import Identification, extend, remove, to_bytes
+from dynident.identification import Identification, check_same_recordings, extend, remove, to_bytes
 from dynident.identification.study.gain import best_rung
 from dynident.identification.study.prediction import PredictedTorque, predict
 from dynident.progress import Progress, silent
@@ -151,10 +151,11 @@ class Model:
         Raises
         ------
         DynidentError
-            Where they are not called as those that it was identified from.
+            Where they are not called as those that it was identified from, or hold other samples.
         """
         learnt, tried = as_recordings(recordings), as_recordings(validation)
         _check_names(learnt, self.identification.data.measurement_names, "was identified from")
+        check_same_recordings(self.identification, learnt.recordings)
         if tried and self.identification.data.validation_names:
             _check_names(tried, self.identification.data.validation_names, "was tried on")
         return replace(self, recordings=learnt, validation=tried)

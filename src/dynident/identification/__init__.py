@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from dynident.identification.study.reduced_data import ReducedData
     from dynident.identification.study.removing import remove
     from dynident.identification.study.result import Identification, LadderStep
+    from dynident.identification.study.same_recordings import check_same_recordings
     from dynident.identification.study.storage import from_bytes, to_bytes
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "ReducedData",
     "ShapeConstant",
     "StandardParameters",
+    "check_same_recordings",
     "extend",
     "from_bytes",
     "identify",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -50,6 +51,15 @@ class SampleHashes:
             moving.append(np.concatenate(moved))
         return cls(tuple(rows), tuple(moving))
 
+    @property
+    def digest(self) -> str:
+        """What these samples are known by, whatever their file is called: SHA-256 in hexadecimal digits."""
+        known = hashlib.sha256()
+        for rows in self.rows:
+            known.update(len(rows).to_bytes(8, "little"))
+            known.update(rows.tobytes())
+        return known.hexdigest()
+
     def share_in(self, other: SampleHashes) -> float:
         """Share of the rows in motion that are rows of another recording, too; 0 where nothing moves."""
         together = min(_ROWS_TOGETHER, max((len(one) for one in self.rows), default=0))
@@ -65,13 +75,10 @@ class SampleHashes:
         return shared / telling if telling else 0.0
 
 
-def copied_recordings(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> tuple[str, ...]:
+def copied_recordings(fitted: Sequence[SampleHashes], held_out: Sequence[Recording]) -> tuple[str, ...]:
     """Names of held-out recordings that hold samples of those that were fitted to."""
-    if not held_out:
-        return ()
-    known = [SampleHashes.of(one) for one in fitted]
-    own = ((one.name, SampleHashes.of(one)) for one in held_out)
-    return tuple(name for name, samples in own if any(samples.share_in(one) > SHARED for one in known))
+    own = ((recording.name, SampleHashes.of(recording)) for recording in held_out)
+    return tuple(name for name, samples in own if any(samples.share_in(other) > SHARED for other in fitted))
 
 
 def _sums(values: FloatArray, together: int) -> FloatArray:

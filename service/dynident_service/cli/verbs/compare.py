@@ -37,6 +37,7 @@ def compare(
     """
     from dynident.diagnosis import compare as compare_model
     from dynident.diagnosis import judge
+    from dynident.identification import check_same_recordings
     from dynident.progress import part
     from dynident_service.adapters.comparisons import describe_comparison
     from dynident_service.cli import inputs, shown, tables, telling
@@ -46,6 +47,8 @@ def compare(
         tables.check_ending(out)
     with inputs.read("compare", [measurement], identification.model.robot, reading, learnt) as read:
         (recording,) = read.recordings
+        if learnt:
+            check_same_recordings(identification, read.other_recordings)
         found = compare_model(identification, recording, part(read.progress, 0.0, 0.8))
         judged = judge(found, recording, identification.preprocessing, read.other_recordings)
     if out is not None:

@@ -46,6 +46,7 @@ def report(
     as_json: Json = False,
 ) -> None:
     """Write one self-contained HTML file, or a PDF, about a model."""
+    from dynident.identification import check_same_recordings
     from dynident.progress import part
     from dynident.reports import html_report, pdf_of
     from dynident_service.adapters.validation_tables import reported
@@ -60,6 +61,7 @@ def report(
     joints = identification.model.robot.joint_names
     validations = [reported(stored_validation(path), joints) for path in shown.validated or []]
     with inputs.read("report", measurements, identification.model.robot, reading, validation, share=0.4) as read:
+        check_same_recordings(identification, read.recordings)
         runs = reported_runs(identification, read.given, read.others, part(read.progress, 0.0, 0.5))
         read.progress(0.5, "drawing")
         page = html_report(identification, runs, diagnosis=found, validations=validations, title=choices.name)

@@ -9,18 +9,20 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.identification.imports import units as of_units
 from dynident.identification.imports.against_robot import hold_against
+from dynident.identification.imports.clock_guess import (
+    TOGETHER,
+    are_poses,
+    guess_clock,
+    guess_clock_of_poses,
+    guess_efforts_at_poses,
+)
 from dynident.identification.imports.currents import question_of_gains
 from dynident.identification.imports.effort import classify_effort
 from dynident.identification.imports.facts import (
-    CLOCK_FACTORS,
     SLOPE,
-    Clock,
     Sample,
     changing,
-    clock_like,
-    clock_of,
     filled,
-    is_counter,
     slopes,
 )
 from dynident.identification.imports.few_joints import groups_of_few_joints
@@ -33,14 +35,13 @@ from dynident.identification.imports.groups import (
     of_more_joints,
 )
 from dynident.identification.imports.missing_joints import columns_of_strangers, question_of_missing, torque_of_most
-from dynident.identification.imports.proposal import Guess, Proposal, Question
+from dynident.identification.imports.proposal import Proposal, Question
 from dynident.identification.imports.put_right import condition_sample
 from dynident.identification.imports.unnamed import Kinds, as_counted, is_in_order, kinds_of, own_torques, whole_signals
-from dynident.identification.imports.words import read_names
+from dynident.identification.imports.working_proposal import WorkingProposal
 from dynident.identification.mistakes.described_units import find_units
 from dynident.recordings.columns import NOT_RECORDED
 from dynident.recordings.conditioning.registers import decode_registers
-from dynident.recordings.poses import jump_from_row_to_row
 from dynident.recordings.stated import EffortKind
 from dynident.recordings.units import conversion
 from dynident.robot import Robot
@@ -50,8 +51,6 @@ NO_MEASUREMENT: dict[EffortKind, str] = {
     "gravity_compensated": "gravity-compensated: the load of gravity was taken out of them",
     "commanded": "commanded and not measured",
 }
-
-_TOGETHER = "give the files as one recording (q.csv+dq.csv+tau.csv)"
 
 _CLEARLY = 1.25
 """Times what the robot's dynamics have to leave of the torque in another order, for it to be refuted."""
@@ -64,28 +63,20 @@ def propose(sample: Sample, robot: Robot) -> Proposal:
 
 
 @dataclass
-class _Guesser:
+class _Guesser(WorkingProposal):
     """`given` is the robot whose description may not be in SI units; `robot` is in them."""
 
-    sample: Sample
-    robot: Robot
-    given: Robot
-    columns: dict[str, str] = field(default_factory=dict)
-    units: dict[str, str] = field(default_factory=dict)
-    guesses: list[Guess] = field(default_factory=list)
-    questions: list[Question] = field(default_factory=list)
     silent: list[int] = field(default_factory=list)
 
     def run(self) -> Proposal:
         sample, n = self.sample, self.robot.n
-        self.named = read_names(sample.names, sample.units)
-        self.of_poses = False
+        self.of_poses = are_poses(self)
         self.alive = changing(sample.values) if len(sample.values) else np.zeros(len(sample.names), dtype=bool)
         kind: EffortKind = "unknown"
         for remark in self.sample.remarks:
-            self._say("rows", "joined", 0.95, remark)
+            self.say("rows", "joined", 0.95, remark)
         self._set_aside()
-        clock = self._clock()
+        clock = guess_clock_of_poses(self) if self.of_poses else guess_clock(self)
         if clock is None:
             return self._done(kind)
         self.t = sample.values[:, clock.column] * clock.factor
@@ -102,7 +93,7 @@ class _Guesser:
         local, rest, following = groups_of(others, self.robot.joint_names, names)
         if following:
             told = ", ".join(others[index].name for index in following)
-            self._say("columns", told, 0.9, "not used: of joints that are not driven, which follow from those that are")
+            self.say("columns", told, 0.9, "not used: of joints that are not driven, which follow from those that are")
         local += groups_of_few_joints(others, rest, self.robot)
         in_groups = {index for group in local for index in group.columns}
         rest = [index for index in rest if index not in in_groups]
@@ -117,7 +108,9 @@ class _Guesser:
         self._without_torque(effort)
         q = self._positions(position, effort)
         if self.of_poses:
-            return self._done(self._efforts_at_poses(effort, q, kind))
+            return self._done(
+                guess_efforts_at_poses(self, self.fits, self.values[:, list(effort.columns)], effort, q, kind)
+            )
         if q is not None:
             rows = replace(self.sample, values=self.sample.values[good])
             q, put_right = condition_sample(self.fits, rows, position, effort, q)
@@ -128,21 +121,15 @@ class _Guesser:
 
     def _done(self, kind: EffortKind) -> Proposal:
         if strangers := columns_of_strangers(self.named, self.columns, self.robot.n):
-            self._say("columns", ", ".join(strangers), 0.8, "not used: of no joint of the robot, by their names")
+            self.say("columns", ", ".join(strangers), 0.8, "not used: of no joint of the robot, by their names")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
-
-    def _say(self, name: str, value: str, confidence: float, reason: str) -> None:
-        self.guesses.append(Guess(name, value, round(confidence, 2), reason))
-
-    def _ask(self, name: str, detail: str, choices: tuple[str, ...] = ()) -> None:
-        self.questions.append(Question(name, detail, choices))
 
     def _set_aside(self) -> None:
         """Say which columns hold no numbers at all."""
         empty = np.flatnonzero(~np.isfinite(self.sample.values).any(axis=0)) if len(self.sample.values) else ()
         if len(empty):
             names = ", ".join(self.sample.names[column] for column in empty)
-            self._say("columns", names, 0.9, "not used: no row of them holds a number")
+            self.say("columns", names, 0.9, "not used: no row of them holds a number")
 
     def _read_signs(self, group: Group, kind: str) -> None:
         """Read the signs of registers that the log has without, as an import does."""
@@ -154,8 +141,8 @@ class _Guesser:
         raw = np.array(self.sample.values)
         raw[:, columns] = register.decode(raw[:, columns])
         self.sample = replace(self.sample, values=raw)
-        detail = f"{self._shown(group)} are registers whose sign was not read: {register}. They are read so."
-        self._say("rows/registers", "put right", 0.95, detail)
+        detail = f"{self.shown(group)} are registers whose sign was not read: {register}. They are read so."
+        self.say("rows/registers", "put right", 0.95, detail)
 
     def _without_torque(self, effort: Group) -> None:
         """Take torques that hold no number for not recorded, as an import does."""
@@ -168,80 +155,9 @@ class _Guesser:
             told = (
                 f"{name} has no torque: its equation is left out, its motion is used; --lock {name} if it is a finger"
             )
-            self._say(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, told)
+            self.say(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, told)
             self.silent.append(joint)
         self.sample = replace(self.sample, values=raw)
-
-    def _clock(self) -> Clock | None:
-        names, values = self.sample.names, self.sample.values
-        self.of_poses = self._are_poses()
-        if self.of_poses:
-            return self._clock_of_poses()
-        running = clock_like(values) if len(values) > 2 else []
-        found = [one for column in running if (one := clock_of(values, column, self.named[column].unit)) is not None]
-        told = [one for one in found if self.named[one.column].signal == "t"]
-        told.sort(key=lambda one: is_counter(values, one.column))
-        even = [one for one in found if not is_counter(values, one.column) or self.named[one.column].signal == "t"]
-        choice = next(iter(told or even or found), None)
-        if choice is None:
-            detail = (
-                "No column runs as a clock does: which one is the time, and in which unit? Where the file has none, "
-                f"state the rate of its rows in Hz (rate); where another file has it, {_TOGETHER}."
-            )
-            self._ask("columns/t", detail, names)
-            return None
-        sure = choice.sure and bool(told or even)
-        if not told and is_counter(values, choice.column):
-            sure = False
-        name = names[choice.column]
-        self.columns["t"] = name
-        if choice.unit != "s":
-            self.units["t"] = choice.unit
-        told_by = "its name, and " if told else "it runs forward evenly; "
-        self._say("columns/t", name, 0.98 if sure else 0.5, f"{told_by}{choice.reason}; jitter {choice.jitter:.1%}")
-        if not sure:
-            self._ask("units/t", f"Is {name} the time, in {choice.unit}? {choice.reason}.", ("s", "ms", "us", "ns"))
-        return choice
-
-    def _are_poses(self) -> bool:
-        """Whether the columns that are called positions jump from row to row: the robot stands at each."""
-        positions = [k for k, one in enumerate(self.named) if one.signal == "q"]
-        q = filled(self.sample.values[:, positions])
-        return len(positions) >= self.robot.n and jump_from_row_to_row(q)
-
-    def _clock_of_poses(self) -> Clock | None:
-        """Give the time column of rows that are poses, whose steps are no sampling period."""
-        column = next((k for k, one in enumerate(self.named) if one.signal == "t"), None)
-        if column is None:
-            self._ask("columns/t", "Which column is the time, or counts the poses?", self.sample.names)
-            return None
-        unit = self.named[column].unit or "s"
-        steps = np.diff(self.sample.values[:, column])
-        middle = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
-        self.columns["t"] = self.sample.names[column]
-        if unit != "s":
-            self.units["t"] = unit
-        reason = f"its name; positions jump from row to row, {middle:.3g} {unit} apart: poses at rest, a row each"
-        self._say("columns/t", self.sample.names[column], 0.95, reason)
-        return Clock(column, unit, CLOCK_FACTORS.get(unit, 1.0), 1.0 / middle, 0.0, True, reason)
-
-    def _efforts_at_poses(self, effort: Group, q: FloatArray | None, kind: EffortKind) -> EffortKind:
-        """Take the efforts for what they are called, and say what gravity leaves of them."""
-        tau = self.values[:, list(effort.columns)]
-        signal = "current" if effort.signal == "current" else "tau"
-        if signal == "current" and kind == "unknown":
-            kind = "motor_current"
-        elif kind == "unknown":
-            kind = "joint_torque"
-        self._say("effort_kind", kind, 0.8, "by its name; a robot that stands shows no more")
-        self._map(signal, effort)
-        gains = [drive.gain for drive in self.robot.drives]
-        self._effort_unit(signal, tau, effort, gains, of_units.reach_of(self.robot))
-        left = None if q is None else self.fits.left(q, tau)
-        if left is not None:
-            what = "what gravity and constant torques of the robot do not explain of poses at rest"
-            self._say("check", f"{left:.0%} left", 0.9 if left < of_units.SURE - 0.3 else 0.4, what)
-        return kind
 
     def _segment(self) -> FloatArray | None:
         for index, one in enumerate(self.named):
@@ -250,7 +166,7 @@ class _Guesser:
                 continue
             if len(np.unique(values)) < max(2, len(values) // 20):
                 self.columns["segment"] = one.name
-                self._say("columns/segment", one.name, 0.9, "whole numbers that stay for long: runs")
+                self.say("columns/segment", one.name, 0.9, "whole numbers that stay for long: runs")
                 return np.asarray(values)
         return None
 
@@ -293,11 +209,9 @@ class _Guesser:
         counted = pool != sorted(pool)
         reason = f"{kinds.reason}; the joints in the order of {'their numbers' if counted else 'the file'}"
         if regular and counted and self._as_good_in_file_order(kinds):
-            self._ask("columns", "The joints stand in one order by their numbers, in another in the file: which one?")
+            self.ask("columns", "The joints stand in one order by their numbers, in another in the file: which one?")
         if not regular:
-            self._ask(
-                "columns", "The names of the columns do not say which joint they are of, and their order neither."
-            )
+            self.ask("columns", "The names of the columns do not say which joint they are of, and their order neither.")
             q, tau = self.values[:, positions], self.values[:, efforts]
             order, _ = own_torques(self.t, q, tau)
             efforts = [efforts[index] for index in order]
@@ -326,17 +240,17 @@ class _Guesser:
             more = of_more_joints(self.named, self.robot.n)
             detail = (
                 f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more} Where "
-                f"they are in another file, {_TOGETHER}."
+                f"they are in another file, {TOGETHER}."
             )
-            self._ask("columns/q", detail, self.sample.names)
+            self.ask("columns/q", detail, self.sample.names)
             return None
         equal = [group for group in found if group.rank == found[0].rank]
         if len(equal) > 1 and not hold_the_same(self.values, equal):
-            names = tuple(self._shown(group) for group in equal)
-            self._ask("columns/q", "Several sets of columns may be the measured positions: which one?", names)
+            names = tuple(self.shown(group) for group in equal)
+            self.ask("columns/q", "Several sets of columns may be the measured positions: which one?", names)
         elif found[0].rank >= 4:
-            self._ask("columns/q", f"{self._shown(found[0])} are commanded positions: where are the measured ones?")
-        self._map("q", found[0])
+            self.ask("columns/q", f"{self.shown(found[0])} are commanded positions: where are the measured ones?")
+        self.map("q", found[0])
         return found[0]
 
     def _effort(self, groups: list[Group], position: Group | None) -> tuple[Group | None, EffortKind]:
@@ -349,9 +263,9 @@ class _Guesser:
         # Torque goes before current: it needs no gains.
         found.sort(key=lambda group: (group.rank, group.signal != "tau"))
         if not found and silent:
-            self._map(silent[0].signal or "tau", silent[0])
+            self.map(silent[0].signal or "tau", silent[0])
             detail = (
-                f"{self._shown(silent[0])} are 0 in every row: was the torque not recorded, or did the robot swing "
+                f"{self.shown(silent[0])} are 0 in every row: was the torque not recorded, or did the robot swing "
                 "with its motors off? Then only ratios can be found, inertia and friction over gravity."
             )
             self.questions.append(Question("effort_kind", detail, ("joint_torque",), "constant_torque"))
@@ -363,15 +277,15 @@ class _Guesser:
                 return None, "unknown"
             detail = (
                 "No columns were recognised as torques or currents of all joints. Where they are in another file, "
-                f"{_TOGETHER}."
+                f"{TOGETHER}."
             )
-            self._ask("columns/tau", detail, self.sample.names)
+            self.ask("columns/tau", detail, self.sample.names)
             return None, "unknown"
         best = found[0]
         equal = [group for group in found[1:] if group.rank == best.rank and group.signal == best.signal]
         if equal:
-            names = tuple(self._shown(group) for group in [best, *equal])
-            self._ask("columns/tau", "Several sets of columns may be the measured torque: which one?", names)
+            names = tuple(self.shown(group) for group in [best, *equal])
+            self.ask("columns/tau", "Several sets of columns may be the measured torque: which one?", names)
         kind: EffortKind = "unknown"
         if best.named.external:
             kind = "external"
@@ -380,7 +294,7 @@ class _Guesser:
         elif best.rank >= 4:
             kind = "commanded"
         if kind != "unknown":
-            self._refuse_kind(kind, self._shown(best))
+            self._refuse_kind(kind, self.shown(best))
         return best, kind
 
     def _of_most_joints(self, position: Group | None) -> list[Group]:
@@ -403,7 +317,7 @@ class _Guesser:
 
     def _refuse_kind(self, kind: EffortKind, shown: str) -> None:
         why = NO_MEASUREMENT[kind]
-        self._ask("effort_kind", f"{shown} are {why}. Nothing can be identified from them; give the measured torque.")
+        self.ask("effort_kind", f"{shown} are {why}. Nothing can be identified from them; give the measured torque.")
 
     def _positions(self, position: Group, effort: Group) -> FloatArray | None:
         """Positions (m, n) in SI."""
@@ -424,17 +338,8 @@ class _Guesser:
             q[:, index] = q[:, index] * factor + offset
             if mixed or index == 0:
                 key = f"q{index + 1}" if mixed else "q"
-                self._unit(key, guess, "m" if joint.kind == "prismatic" else "rad")
+                self.unit(key, guess, "m" if joint.kind == "prismatic" else "rad")
         return q
-
-    def _unit(self, key: str, guess: of_units.UnitGuess, usual: str) -> None:
-        if guess.unit != usual:
-            self.units[key] = guess.unit
-        self._say(f"units/{key}", guess.unit, guess.confidence, guess.reason)
-        if guess.confidence < of_units.SURE:
-            usual_ones = {"q": ("rad", "deg"), "t": ("s", "ms"), "current": ("A", "mA")}
-            choices = guess.choices or usual_ones.get(key.rstrip("0123456789"), ("N m", "mN m"))
-            self._ask(f"units/{key}", f"In which unit is {key}? {guess.reason}.", choices)
 
     def _rates(self, groups: list[Group], position: Group, q: FloatArray) -> None:
         """Velocities that are the slope of the positions, and commanded positions that run beside them."""
@@ -455,12 +360,12 @@ class _Guesser:
             kinds = {joint.kind for joint in self.robot.joints}
             same = {g.unit for j, g in enumerate(guesses) if g is not None and moving[j]}
             if all(fine[j] for j in np.flatnonzero(moving)) and len(kinds) == 1 and len(same) == 1:
-                self._map("dq", group)
+                self.map("dq", group)
                 usual = "rad/s" if kinds == {"revolute"} else "m/s"
                 (unit,) = same
-                self._unit("dq", of_units.UnitGuess(unit, 0.97, "it is the slope of the positions"), usual)
+                self.unit("dq", of_units.UnitGuess(unit, 0.97, "it is the slope of the positions"), usual)
             else:
-                self._say("columns/dq", self._shown(group), 0.5, "not used: it is not the slope of these positions")
+                self.say("columns/dq", self.shown(group), 0.5, "not used: it is not the slope of these positions")
 
     def _efforts(self, effort: Group, q: FloatArray, kind: EffortKind) -> EffortKind:
         tau = self.values[:, list(effort.columns)]
@@ -481,36 +386,36 @@ class _Guesser:
         if kind == "unknown":
             kind = by_data.kind
             if kind in ("gravity_compensated", "external", "commanded"):
-                self._refuse_kind(kind, f"{self._shown(effort)} look as if they were ({by_data.reason}); they")
+                self._refuse_kind(kind, f"{self.shown(effort)} look as if they were ({by_data.reason}); they")
         taken = "" if torque.unit in ("N m", "N") else f" (in {torque.unit})"
-        self._say("effort_kind", kind, by_data.confidence, f"{by_data.reason}{taken}")
+        self.say("effort_kind", kind, by_data.confidence, f"{by_data.reason}{taken}")
         if effort.unit in ("permille", "percent"):
             signal = "current"
-            self._map("current", effort)
+            self.map("current", effort)
             unit = f"{effort.unit} of the rated torque"
-            self._say(
+            self.say(
                 "units/current", unit, 0.9, f"its name says {effort.unit}; drive gains are then N m per {effort.unit}"
             )
             kind = "motor_torque" if kind == "unknown" else kind
         elif signal == "effort":
             if kind == "unknown":
-                detail = f"What are {self._shown(effort)}: torques of the joints, or currents of the motors?"
-                self._ask("effort_kind", detail, ("joint_torque", "motor_torque", "motor_current"))
+                detail = f"What are {self.shown(effort)}: torques of the joints, or currents of the motors?"
+                self.ask("effort_kind", detail, ("joint_torque", "motor_torque", "motor_current"))
             signal = "current" if kind == "motor_current" else "tau"
-            self._map(signal, effort)
+            self.map(signal, effort)
         else:
             if kind == "unknown" and signal == "tau":
                 detail = (
-                    f"What are {self._shown(effort)}? They are called torques, but {by_data.reason}: torques of the "
+                    f"What are {self.shown(effort)}? They are called torques, but {by_data.reason}: torques of the "
                     "joints, with such inertias, or of the motors before the gears?"
                 )
-                self._ask("effort_kind", detail, ("joint_torque", "motor_torque"))
-            self._map("tau" if signal == "tau" else "current", effort)
+                self.ask("effort_kind", detail, ("joint_torque", "motor_torque"))
+            self.map("tau" if signal == "tau" else "current", effort)
         if effort.unit not in ("permille", "percent"):
-            self._effort_unit(signal or "tau", tau, effort, gains, reach)
+            self.effort_unit(signal or "tau", tau, effort, gains, reach)
         in_si = signal == "tau" or None not in gains
         if signal == "current":
-            asked = question_of_gains(self._shown(effort), effort.unit, gains, self.fits, (q, tau))
+            asked = question_of_gains(self.shown(effort), effort.unit, gains, self.fits, (q, tau))
             if asked is not None:
                 # By how much the torques are off is asked with the gains.
                 self.questions.append(asked)
@@ -529,27 +434,6 @@ class _Guesser:
                 factors[index] = (gains[index] or 1.0) * {"mA": 1e-3}.get(unit or "A", 1.0)
         return factors
 
-    def _effort_unit(
-        self, signal: str, tau: FloatArray, effort: Group, gains: list[float | None], reach: float
-    ) -> None:
-        if signal == "current":
-            guess = of_units.current_unit(tau, gains, self.robot, effort.unit)
-            self._unit("current", guess, "A")
-            return
-        guess = of_units.torque_unit(self.robot, tau, effort.unit, reach)
-        if effort.signal == "effort" and effort.unit is None and guess.unit not in ("N m", "N"):
-            # Nothing calls it a torque: a current, a register, or an error of position times a gain may be as large.
-            reason = f"{guess.reason}: if it is a torque at all, and no current, register or error of a controller"
-            guess = of_units.UnitGuess("N m", 0.5, reason, ("N m", guess.unit))
-        for index, joint in enumerate(self.robot.joints):
-            mixed = len({one.kind for one in self.robot.joints}) > 1
-            if mixed or index == 0:
-                unit = guess.unit.replace(" m", "") if joint.kind == "prismatic" else guess.unit
-                key = f"tau{index + 1}" if mixed else "tau"
-                self._unit(
-                    key, of_units.UnitGuess(unit, guess.confidence, guess.reason, guess.choices), joint.effort_unit
-                )
-
     def _check(self, q: FloatArray, tau: FloatArray, effort: Group, *, in_si: bool) -> None:
         """Hold the columns against the robot's dynamics; where much is left, that stands first."""
         positions = [self.columns[f"q{joint + 1}"] for joint in range(self.robot.n)]
@@ -563,13 +447,3 @@ class _Guesser:
             # By how much they are off says more than that the unit is not known.
             self.questions = [one for one in self.questions if one.field != "units/tau"]
         self.questions += questions
-
-    def _map(self, signal: str, group: Group) -> None:
-        for joint, column in enumerate(group.columns):
-            name = self.sample.names[column]
-            self.columns[f"{'tau' if name == NOT_RECORDED else signal}{joint + 1}"] = name
-        self._say(f"columns/{signal}", self._shown(group), 0.95 if group.rank < 4 else 0.6, group.reason)
-
-    def _shown(self, group: Group) -> str:
-        first, last = (self.sample.names[group.columns[place]] for place in (0, -1))
-        return f"{first} … {last}" if first != last else first

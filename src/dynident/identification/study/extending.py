@@ -15,9 +15,9 @@ from dynident.identification.study.fitting import identify_model
 from dynident.identification.study.gain import warnings_of_addition
 from dynident.identification.study.poses import ACTING_AT_REST, are_poses, identify_poses
 from dynident.identification.study.result import Identification, LadderStep
+from dynident.identification.study.same_recordings import check_same_recordings, with_samples
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording
-from dynident.recordings.sample_hashes import copied_recordings
 from dynident.regressors.extension import extended_model
 from dynident.threads import single_threaded
 
@@ -46,6 +46,7 @@ def extend(
     check_recordings(identification.model.robot, recordings, validation)
     check_temperature(new, recordings, validation)
     check_runs(new, recordings, validation)
+    check_same_recordings(identification, recordings)
     if are_poses(recordings, validation):
         return _extended_at_rest(identification, new, recordings, validation)
     grown, idle = identification, []
@@ -62,7 +63,7 @@ def extend(
             pointer="/effects",
             title="Nothing to add",
         )
-    grown = replace(grown, data=replace(grown.data, copied=copied_recordings(recordings, validation)))
+    grown = with_samples(grown, recordings, validation)
     if not idle:
         return grown
     left_out = f"{', '.join(idle)} added nothing beside the others and was left out."

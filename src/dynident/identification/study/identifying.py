@@ -22,9 +22,9 @@ from dynident.identification.study.fitting import identify_model
 from dynident.identification.study.poses import are_poses, identify_poses
 from dynident.identification.study.preparing import prepared
 from dynident.identification.study.result import Identification
+from dynident.identification.study.same_recordings import with_samples
 from dynident.progress import Progress, part, silent
 from dynident.recordings import Recording, choose_preprocessing
-from dynident.recordings.sample_hashes import copied_recordings
 from dynident.regressors.model import build_model
 from dynident.robot.model import Robot
 from dynident.threads import single_threaded
@@ -84,4 +84,4 @@ def identify(
         band, why = narrow
         found = identify(robot, recordings, validation, replace(given, preprocessing=band), progress)
         return replace(found, warnings=(why, *found.warnings))
-    return replace(found, data=replace(found.data, copied=copied_recordings(recordings, validation)))
+    return with_samples(found, recordings, validation)

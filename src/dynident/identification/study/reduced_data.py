@@ -20,7 +20,8 @@ class ReducedData:
     model `training` is `equations`); `shaped` the torques of `training` in the model's columns and, behind them, those
     of `shape_columns`, None where no effect has constants or these cannot be looked at. `preprocessing`: how the
     recordings were filtered; `measurement_names` and `validation_names`: what they are called; `copied`: those of
-    the validation data that hold samples of the fit, so that the held-out error is not one.
+    the validation data that hold samples of the fit, so that the held-out error is not one; `digests` what the samples
+    of the fit are known by, one a recording.
     """
 
     equations: Reduction
@@ -31,6 +32,7 @@ class ReducedData:
     measurement_names: tuple[str, ...] = ()
     validation_names: tuple[str, ...] = ()
     copied: tuple[str, ...] = ()
+    digests: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         held_out = ", ".join(self.validation_names) or "nothing"

@@ -113,6 +113,7 @@ def _arrays(identification: Identification) -> dict[str, Any]:
             "measurement_names": data.measurement_names,
             "validation_names": data.validation_names,
             "copied": data.copied,
+            "digests": data.digests,
             "added": [asdict(choice) for choice in identification.step.added],
             "removed": [asdict(choice) for choice in identification.step.removed],
             "not_essential": estimate.not_essential,
@@ -215,6 +216,7 @@ def _data(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> ReducedData:
         measurement_names=tuple(header["measurement_names"]),
         validation_names=tuple(header["validation_names"]),
         copied=tuple(header.get("copied", ())),
+        digests=tuple(header.get("digests", ())),
     )
 
 

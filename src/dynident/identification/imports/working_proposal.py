@@ -1,0 +1,83 @@
+"""A proposal of what a file's columns are, while it is being made: what was guessed, and what is to be asked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from dynident.arrays import FloatArray
+from dynident.identification.imports import units as of_units
+from dynident.identification.imports.facts import Sample
+from dynident.identification.imports.groups import Group
+from dynident.identification.imports.proposal import Guess, Question
+from dynident.identification.imports.words import Named, read_names
+from dynident.recordings.columns import NOT_RECORDED
+from dynident.robot import Robot
+
+
+@dataclass
+class WorkingProposal:
+    """`given` is the robot whose description may not be in SI units; `robot` is in them."""
+
+    sample: Sample
+    robot: Robot
+    given: Robot
+    columns: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    guesses: list[Guess] = field(default_factory=list)
+    questions: list[Question] = field(default_factory=list)
+
+    @cached_property
+    def named(self) -> list[Named]:
+        """What the name of every column says."""
+        return read_names(self.sample.names, self.sample.units)
+
+    def say(self, name: str, value: str, confidence: float, reason: str) -> None:
+        """Note a guess, how sure it is, and why."""
+        self.guesses.append(Guess(name, value, round(confidence, 2), reason))
+
+    def ask(self, name: str, detail: str, choices: tuple[str, ...] = ()) -> None:
+        """Ask a question that only a person can answer."""
+        self.questions.append(Question(name, detail, choices))
+
+    def unit(self, key: str, guess: of_units.UnitGuess, usual: str) -> None:
+        """Take a guessed unit, and ask where it is not sure."""
+        if guess.unit != usual:
+            self.units[key] = guess.unit
+        self.say(f"units/{key}", guess.unit, guess.confidence, guess.reason)
+        if guess.confidence < of_units.SURE:
+            usual_ones = {"q": ("rad", "deg"), "t": ("s", "ms"), "current": ("A", "mA")}
+            choices = guess.choices or usual_ones.get(key.rstrip("0123456789"), ("N m", "mN m"))
+            self.ask(f"units/{key}", f"In which unit is {key}? {guess.reason}.", choices)
+
+    def effort_unit(self, signal: str, tau: FloatArray, effort: Group, gains: list[float | None], reach: float) -> None:
+        """Guess the unit of torques or currents."""
+        if signal == "current":
+            guess = of_units.current_unit(tau, gains, self.robot, effort.unit)
+            self.unit("current", guess, "A")
+            return
+        guess = of_units.torque_unit(self.robot, tau, effort.unit, reach)
+        if effort.signal == "effort" and effort.unit is None and guess.unit not in ("N m", "N"):
+            # Nothing calls it a torque: a current, a register, or an error of position times a gain may be as large.
+            reason = f"{guess.reason}: if it is a torque at all, and no current, register or error of a controller"
+            guess = of_units.UnitGuess("N m", 0.5, reason, ("N m", guess.unit))
+        for index, joint in enumerate(self.robot.joints):
+            mixed = len({one.kind for one in self.robot.joints}) > 1
+            if mixed or index == 0:
+                unit = guess.unit.replace(" m", "") if joint.kind == "prismatic" else guess.unit
+                key = f"tau{index + 1}" if mixed else "tau"
+                self.unit(
+                    key, of_units.UnitGuess(unit, guess.confidence, guess.reason, guess.choices), joint.effort_unit
+                )
+
+    def map(self, signal: str, group: Group) -> None:
+        """Take the columns of a group for a signal of the joints."""
+        for joint, column in enumerate(group.columns):
+            name = self.sample.names[column]
+            self.columns[f"{'tau' if name == NOT_RECORDED else signal}{joint + 1}"] = name
+        self.say(f"columns/{signal}", self.shown(group), 0.95 if group.rank < 4 else 0.6, group.reason)
+
+    def shown(self, group: Group) -> str:
+        """Name the first and the last column of a group."""
+        first, last = (self.sample.names[group.columns[place]] for place in (0, -1))
+        return f"{first} … {last}" if first != last else first
