@@ -22,10 +22,13 @@ def refused(robot: Robot, folder: Path, columns: dict[str, FloatArray]) -> list[
     return [one for one in raised.value.checks if one.status != "ok"]
 
 
-@pytest.mark.parametrize(("legs", "order"), [
-    (2, (1, 0)), (4, (1, 0, 2, 3)), (4, (1, 0, 3, 2)), (4, (2, 3, 0, 1)), (4, (0, 3, 2, 1)),
+@pytest.mark.parametrize(("legs", "order", "kind"), [
+    (2, (1, 0), "tau"),
+    (2, (1, 0), "q"),
+    pytest.param(4, (2, 3, 0, 1), "q", marks=pytest.mark.slow),
+    *(pytest.param(4, order, kind, marks=pytest.mark.thorough)
+      for order in ((1, 0, 2, 3), (1, 0, 3, 2), (0, 3, 2, 1)) for kind in ("tau", "q")),
 ])  # fmt: skip
-@pytest.mark.parametrize("kind", ["tau", "q"])
 def test_exchanged_legs_are_one_finding_with_one_cure(
     tmp_path: Path, legs: int, order: tuple[int, ...], kind: str
 ) -> None:

@@ -19,6 +19,8 @@ _UPRIGHT = 0.99
 """Cosine of the largest angle, 8°, between gravity and the base's z axis of a robot that stands on a floor."""
 _HANGS = 0.1
 """Of the reach: a robot that rests lower than this below its base, as a leg does, does not stand on a floor there."""
+_POSTURES, _ROOM = 200, 0.02
+"""Of so many postures within the limits this share must be above the floor, or the robot works below its base."""
 _RADIUS = 0.06
 """Of the reach: radius of the links of usual arms (UR10e 0.05, Panda 0.08, SO-101 0.06)."""
 
@@ -44,5 +46,10 @@ def assume_floor(
     origins = joint_frames(robot, rests)[:, :, :3, 3]
     reach = float(np.linalg.norm(origins, axis=2).max())
     if not np.isfinite(reach) or origins[:, :, 2].min(axis=1).max() < -_HANGS * reach:
+        return surroundings, None
+    postures = np.random.default_rng(0).uniform(low, high, (_POSTURES, robot.n))
+    heights = joint_frames(robot, postures)[:, :, 2, 3]
+    moving = np.ptp(heights, axis=0) > 1e-6
+    if (heights[:, moving] >= _RADIUS * reach).all(axis=1).mean() < _ROOM:
         return surroundings, None
     return replace(surroundings, floor=0.0), _RADIUS * reach
