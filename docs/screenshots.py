@@ -112,7 +112,7 @@ def tell(client: Client, folder: Path) -> Shown:
 
 
 def _run(folder: Path, words: str) -> None:
-    (folder / "nothing.json").write_text('{"self_collision": false}', encoding="utf-8")
+    (folder / "nothing.json").write_text('{"self_collision": false, "assume_floor": false}', encoding="utf-8")
     command = [str(Path(sys.executable).with_name("dynident")), *words.split()]
     subprocess.run(command, cwd=folder, check=True, stdout=subprocess.DEVNULL)
 

@@ -16,7 +16,7 @@ HAPPENS = ("api", "worker", "child", "nursery", "database", "stop")
 @pytest.mark.parametrize(
     ("asked", "happens"),
     [
-        pytest.param([], HAPPENS, id="two_services"),
+        pytest.param([], HAPPENS, id="two_services", marks=pytest.mark.thorough),
         pytest.param(["--cluster"], (*HAPPENS, "scheduler", "stop of the scheduler"), id="a_cluster"),
     ],
 )

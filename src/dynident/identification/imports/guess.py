@@ -52,6 +52,8 @@ NO_MEASUREMENT: dict[EffortKind, str] = {
     "commanded": "commanded and not measured",
 }
 
+_FEWEST_ROWS = 3
+
 _CLEARLY = 1.25
 """Times what the robot's dynamics have to leave of the torque in another order, for it to be refuted."""
 
@@ -82,6 +84,9 @@ class _Guesser(WorkingProposal):
         self.t = sample.values[:, clock.column] * clock.factor
         segment = self._segment()
         good = np.isfinite(self.t)
+        if np.count_nonzero(good) < _FEWEST_ROWS:
+            self.ask("columns/t", "Hardly any row has a time: which column is it?", sample.names)
+            return self._done(kind)
         self.values = filled(sample.values[good])
         self.t = self.t[good]
         labels = None if segment is None else segment[good]
