@@ -15,7 +15,7 @@ from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.simulation import Reference, Sensors, SimulationRequest, TrueEffect, simulate, typical_drive
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.thorough
 
 HELD = (ROBOT.n - 2, ROBOT.n - 1)
 MASS, ASIDE, ALONG = 1.5, 0.08, 0.05

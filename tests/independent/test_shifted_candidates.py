@@ -112,7 +112,7 @@ def test_rows_change_places_with_rows_of_their_own_kind() -> None:
     assert np.mean(out[:, 1] == values[:, 1]) < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_is_hidden_is_named_at_its_time_and_not_at_another(tmp_path: Path) -> None:
     manners = Manners(motions=("fourier",), firmnesses=("stiff",), rates=(250.0,), paces=(1.0,))
     case = draw_cases(Wanted(2, 0, ("joint_spring",), ("ur10",), ("full",), manners))[0]
