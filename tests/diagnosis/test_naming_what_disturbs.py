@@ -39,9 +39,8 @@ def test_a_touch_is_named_with_the_time_of_it():
     run = experiment(touched)
     (choice,) = diagnose(run.identification, [run.training]).recommended
     assert (choice.effect, choice.runs) == ("external_contact", ("training",))
-    # A push that has hardly a lever at its end is not seen to its last moment.
     assert choice.shape_values["t0"] == pytest.approx(CONTACT[0], abs=0.2)
-    assert choice.shape_values["t1"] == pytest.approx(CONTACT[1], abs=0.5)
+    assert choice.shape_values["t1"] == pytest.approx(CONTACT[1], abs=0.2)
 
 
 def test_a_payload_is_found_in_the_run_that_has_it_with_its_mass():

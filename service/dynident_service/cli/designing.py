@@ -13,10 +13,9 @@ from rich.console import Console
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest
 from dynident.motion import Surroundings
-from dynident.motion.surroundings.reach import FLOOR_ALONE, NOTHING_STATED
 from dynident.reports.numbers import number, percent
 from dynident.robot import Limits, Robot
-from dynident.robot.collision import UNCHECKED, mesh_folders_above
+from dynident.robot.collision import mesh_folders_above
 from dynident_service.adapters.derived import taken
 from dynident_service.cli.files import document_of
 from dynident_service.cli.inputs import stored_diagnosis
@@ -26,8 +25,6 @@ from dynident_service.models.robots import Limits as WireLimits
 from dynident_service.problems import fields_of
 
 Wanted = TypeVar("Wanted")
-WARNINGS = (UNCHECKED, NOTHING_STATED, FLOOR_ALONE)
-"""How notes begin without which nobody should run a motion."""
 _LIMITS = TypeAdapter(dict[str, WireLimits])
 _SURROUNDINGS = TypeAdapter(body_of(Surroundings))
 
@@ -50,8 +47,10 @@ def limits_of(path: Path | None) -> dict[str, Limits]:
 
 def mesh_folders_of(robot: Robot, argument: str, stated: Sequence[Path] | None) -> tuple[Path, ...]:
     """Choose where meshes are looked for: in the stated folders, or in those above the robot's file that hold any."""
+    if stated:
+        return tuple(stated)
     file = Path(argument)
-    return tuple(stated) if stated else mesh_folders_above(robot, file) if file.is_file() else ()
+    return mesh_folders_above(robot, file) if file.is_file() else ()
 
 
 def surroundings_of(path: Path | None, mesh_folders: Sequence[Path], *, floor: bool) -> Surroundings:
@@ -70,9 +69,8 @@ def surroundings_of(path: Path | None, mesh_folders: Sequence[Path], *, floor: b
 
 def warn_of_unchecked(console: Console, found: Design) -> None:
     """Say in plain sight, after all else, what was not checked."""
-    for note in found.notes:
-        if note.startswith(WARNINGS):
-            console.print(f"warning: {note}", style="bold red")
+    for warning in found.warnings:
+        console.print(f"warning: {warning}", style="bold red")
 
 
 def _validated(fields: TypeAdapter[Wanted], path: Path, title: str) -> Wanted:
@@ -121,6 +119,6 @@ def show_design(console: Console, found: Design) -> None:
             )
         )
     for note in found.notes:
-        if not note.startswith(WARNINGS):
+        if note not in found.warnings:
             console.print(f"  {note}", style="dim")
     console.print(f"{found.n_samples} samples at {found.sampling_rate:g} Hz, {found.duration:.1f} s from rest to rest")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_args
 
 import typer
 
+from dynident.recordings.stated import ConditioningStep
 from dynident_service.cli.files import A_ROBOT, TO_READ, known_arms
 
 
@@ -131,9 +132,7 @@ class TimedReading:
         several(
             "--skip",
             metavar="STEP",
-            help="Do not put right what looks wrong: registers, held_samples, idle_drives, corrupted_samples, "
-            "wrapped_angles; may "
-            "be repeated.",
+            help=f"Do not put right what looks wrong: {', '.join(get_args(ConditioningStep))}; may be repeated.",
         ),
     ] = field(default_factory=list)
     metadata: Annotated[

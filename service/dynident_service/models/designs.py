@@ -113,6 +113,7 @@ class DesignResult(Shown):
     joints: Annotated[list[str], At("joint_names")]
     runs: list[Run] = Field(default=[], description="Of a set of test motions; numbered in the trajectory's segment")
     notes: list[str]
+    warnings: list[str] = Field(default=[], description="The notes without which nobody should run the motion")
 
 
 class TrajectorySamples(Shown):

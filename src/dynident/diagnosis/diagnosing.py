@@ -166,7 +166,7 @@ def examine(
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
     ranked = rank_all((*contacts, *picks), first, (*pushes, *recommended))
-    unknown = (*undisturbed.unexplained, *unknown)
+    unknown = (*undisturbed.unexplained_patterns, *unknown)
     changes: tuple[Change, ...] | None = None
     friction: tuple[FrictionDifference, ...] = ()
     if baseline:

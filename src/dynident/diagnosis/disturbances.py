@@ -48,6 +48,9 @@ A load that is swung about and held by its side takes up to 27 of them."""
 _SMOOTH = 0.1
 """s over which the squared residual is averaged before the ends of a span are looked for."""
 
+_STRONGEST = 0.9
+"""Quantile over a span that is of the disturbance: one that stands out fills a tenth of its span at least."""
+
 _SLOWEST = 10.0
 """Hz; a filter smears a disturbance over a period of its cut-off to either side, and over no less than one of these."""
 
@@ -87,7 +90,7 @@ class UndisturbedData:
         return tuple(one.contact for one in self.disturbances if one.contact is not None)
 
     @property
-    def unexplained(self) -> tuple[UnknownPattern, ...]:
+    def unexplained_patterns(self) -> tuple[UnknownPattern, ...]:
         """Disturbances that no push explains, as dependences on time of the joint that shows them most."""
         names = self.identification.model.robot.joint_names
         return tuple(
@@ -148,8 +151,9 @@ def _disturbance(span: OutlyingSpan, number: int, recording: Recording, comparis
     width = max(1, round(_SMOOTH / period))
     smooth = np.convolve(power, np.ones(width) / width, mode="same")
     rows = np.flatnonzero(inside)
-    # Halfway, in decades, between what is usual outside and inside; single rows on the other side do not end it.
-    level = np.sqrt(np.median(smooth[~inside]) * np.median(smooth[rows]))
+    # Halfway, in decades, between what is usual outside and the disturbance at its strongest, which may last for a
+    # small part of the span; single rows on the other side do not end it.
+    level = np.sqrt(np.median(smooth[~inside]) * np.quantile(smooth[rows], _STRONGEST))
     smallest = np.finfo(float).tiny
     first, last = _richest_part(np.log(np.maximum(smooth[rows], smallest) / max(level, smallest)))
     start, end = float(comparison.t[rows[first]]), float(comparison.t[rows[last]])

@@ -12,7 +12,11 @@ from dynident.excitation.criteria.expected import ExpectedParameter
 from dynident.excitation.criteria.values import CriterionValues
 from dynident.excitation.request import DesignRequest
 from dynident.motion.limits.margins import Margin
+from dynident.motion.surroundings.reach import FLOOR_ALONE, NOTHING_STATED
+from dynident.robot.collision import UNCHECKED
 
+_WARNINGS = (UNCHECKED, NOTHING_STATED, FLOOR_ALONE)
+"""How notes begin that say what was not checked."""
 _HAIR = 1e-9
 
 
@@ -58,6 +62,11 @@ class Design:
             f"{self.sampling_rate:g} Hz, {self.duration:.4g} s, condition number "
             f"{self.criterion_values.condition_number:.4g})"
         )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The notes without which nobody should run the motion."""
+        return tuple(note for note in self.notes if note.startswith(_WARNINGS))
 
     @property
     def n_samples(self) -> int:

@@ -79,6 +79,11 @@ def from_numbers(values: NDArray[np.generic]) -> pa.Array:
     return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [None, pa.py_buffer(values)])
 
 
+def batch_of(values: Mapping[str, NDArray[np.generic]], columns: list[str]) -> pa.RecordBatch:
+    """Give arrays (m,) of numbers, by their columns' names, as a batch of some of these columns."""
+    return pa.RecordBatch.from_arrays([from_numbers(values[name]) for name in columns], names=columns)
+
+
 def to_numbers(column: pa.ChunkedArray) -> NDArray[np.generic]:
     """Give a table's column as a read-only array of its own kind of number; `ValueError` where values are missing."""
     if column.null_count:

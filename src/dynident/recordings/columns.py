@@ -107,7 +107,7 @@ def find_columns(
     mixing = np.eye(n)
     for joint in range(n):
         if finder.has_no_torque(joint):
-            tau.append(silenced(finder.needed("q", joint)))
+            tau.append(mark_not_recorded(finder.needed("q", joint)))
             without_torque.append(joint)
             continue
         torque, current = finder.find("tau", joint), finder.find("current", joint)
@@ -155,7 +155,7 @@ def _torque_of(current: Column, joint_name: str, gain: float | None) -> Column:
     return Column(current.source, current.factor * gain, current.offset * gain)
 
 
-def silenced(position: Column) -> Column:
+def mark_not_recorded(position: Column) -> Column:
     """Give the column of a torque that was not recorded: zero in every row that has the joint's position."""
     return Column(position.source, 0.0)
 

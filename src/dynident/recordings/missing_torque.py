@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.recordings.columns import Layout, silenced
+from dynident.recordings.columns import Layout, mark_not_recorded
 from dynident.recordings.raw import FileSource
 from dynident.recordings.types import Check
 
@@ -30,7 +30,7 @@ def without_empty_torques(layout: Layout, file: FileSource) -> Layout:
     if not holds_numbers.any():
         return layout
     tau = tuple(
-        torque if recorded else silenced(position)
+        torque if recorded else mark_not_recorded(position)
         for torque, position, recorded in zip(layout.tau, layout.q, holds_numbers, strict=True)
     )
     empty = {int(joint) for joint in np.flatnonzero(~holds_numbers)}

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.recordings.arrow import from_numbers
+from dynident.recordings.arrow import batch_of
 from dynident.recordings.file_limits import rows_of_block
 from dynident.recordings.joining import JoinedRows, Series, TimeJoin
 from dynident.recordings.raw import FileSource, floats_of
@@ -50,10 +50,10 @@ class SparseSource(FileSource):
         }
         super().__init__(source.names, source.units)
         self.sample_rows = source.sample_rows
-        others = ", ".join(_shown(columns) for name, columns in pattern.series.items() if name != pattern.main)
+        others = ", ".join(_name_columns(columns) for name, columns in pattern.series.items() if name != pattern.main)
         self.remarks = (
             *source.remarks,
-            f"Signals have rows of their own: the rows of {_shown(pattern.series[pattern.main])} are used, and "
+            f"Signals have rows of their own: the rows of {_name_columns(pattern.series[pattern.main])} are used, and "
             f"{others} read between their samples at those times, in a straight line.",
         )
 
@@ -117,9 +117,7 @@ class SparseSource(FileSource):
         values = {self._pattern.time: joined.times}
         for name, own in by_series.items():
             values |= {column: joined.values[name][:, place] for place, column in enumerate(own)}
-        yield pa.RecordBatch.from_arrays(
-            [from_numbers(np.ascontiguousarray(values[name], dtype=np.float64)) for name in columns], names=columns
-        )
+        yield batch_of(values, columns)
 
 
 def with_joined_rows(source: FileSource) -> FileSource:
@@ -130,7 +128,7 @@ def with_joined_rows(source: FileSource) -> FileSource:
     return source if pattern is None else SparseSource(source, pattern)
 
 
-def _shown(columns: Sequence[str]) -> str:
+def _name_columns(columns: Sequence[str]) -> str:
     return columns[0] if len(columns) == 1 else f"{columns[0]} … {columns[-1]}"
 
 

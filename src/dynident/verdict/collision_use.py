@@ -7,32 +7,27 @@ from dynident.verdict.evidence import Evidence
 from dynident.verdict.feed_forward_use import error_findings
 from dynident.verdict.payload_use import GAINS, scale_findings
 from dynident.verdict.tool_loads import FALSE_ALARMS_AN_HOUR, FEWEST_BLOCKS, SEEN, DetectableForce
-from dynident.verdict.use import Finding
+from dynident.verdict.use import DIAGNOSE, GIVE_RECORDINGS, Finding
 
 _LONGER = f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints that carry the tool."
-_DIAGNOSE = "Find what is missing: dynident diagnose MODEL RUN."
 
 
 def collision_findings(evidence: Evidence, force: DetectableForce | None) -> list[Finding]:
     """Judge the force at the tool that shows with one false alarm an hour."""
     found = [*error_findings(evidence), *scale_findings(evidence)]
     if force is None:
-        what = "The held-out data are too short to tell a threshold" if evidence.comparisons else "A threshold takes"
-        sentence = f"{what}." if evidence.comparisons else f"{what} the held-out recordings."
-        step = _LONGER if evidence.comparisons else "Give the recordings that the model was tried on."
-        return [*found, Finding("not_judged", sentence, step)]
-    alarms = (
-        "one false alarm an hour" if FALSE_ALARMS_AN_HOUR == 1 else f"{FALSE_ALARMS_AN_HOUR:g} false alarms an hour"
-    )
+        if not evidence.comparisons:
+            return [*found, Finding("not_judged", "A threshold takes the held-out recordings.", GIVE_RECORDINGS)]
+        return [*found, Finding("not_judged", "The held-out data are too short to tell a threshold.", _LONGER)]
     figures = (
-        f"At {alarms} a force of {force.force:.3g} N at the tool shows ({SEEN:.0%} of directions and postures of the "
-        f"held-out motion, {force.seconds:.0f} s)."
+        f"At {FALSE_ALARMS_AN_HOUR:g} false alarm an hour a force of {force.force:.3g} N at the tool shows ({SEEN:.0%} "
+        f"of directions and postures of the held-out motion, {force.seconds:.0f} s)."
     )
     if force.force > LARGEST_FORCE:
         against = f"{figures} Above {LARGEST_FORCE:g} N, which a hand may bear, it saves the machine at best."
-        return [*found, Finding("no", against, _DIAGNOSE)]
+        return [*found, Finding("no", against, DIAGNOSE)]
     if force.force > LARGEST_FORCE_ANYWHERE:
-        found.append(Finding("limited", f"More than the {LARGEST_FORCE_ANYWHERE:g} N that a face may bear.", _DIAGNOSE))
+        found.append(Finding("limited", f"More than the {LARGEST_FORCE_ANYWHERE:g} N that a face may bear.", DIAGNOSE))
     if not evidence.passed("payload"):
         found.append(Finding("limited", "In N only if the drive gains are right, which nothing has checked.", GAINS))
     return [*found, Finding("yes", figures)]

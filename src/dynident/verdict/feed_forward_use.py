@@ -6,9 +6,8 @@ import numpy as np
 
 from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, NOTABLE_OF_JOINT
 from dynident.verdict.evidence import Evidence
-from dynident.verdict.use import Finding, State
+from dynident.verdict.use import DIAGNOSE, GIVE_RECORDINGS, Finding, State
 
-_DIAGNOSE = "Find what is missing: dynident diagnose MODEL RUN."
 _PRESLIDING = "Find what is missing, most often presliding friction: dynident diagnose MODEL RUN."
 
 
@@ -17,7 +16,7 @@ def error_findings(evidence: Evidence) -> list[Finding]:
     error, each, joints = evidence.held_out.relative_total, evidence.joint_errors, evidence.joints
     found = []
     if not error <= LARGEST_ERROR:
-        found.append(Finding("no", f"The held-out error is {error:.1%}, above {LARGEST_ERROR:.0%}.", _DIAGNOSE))
+        found.append(Finding("no", f"The held-out error is {error:.1%}, above {LARGEST_ERROR:.0%}.", DIAGNOSE))
     bad = [f"{joints[j]} ({each[j]:.0%})" for j in range(len(joints)) if not each[j] <= LARGEST_OF_JOINT]
     if bad:
         sentence = f"Where they move, joints are above {LARGEST_OF_JOINT:.0%}: {', '.join(bad)}."
@@ -42,7 +41,7 @@ def feed_forward_findings(evidence: Evidence) -> list[Finding]:
     ]
     if notable:
         sentence = f"Much is left to the controller while they move: {', '.join(notable)}."
-        found.append(Finding("limited", sentence, _DIAGNOSE))
+        found.append(Finding("limited", sentence, DIAGNOSE))
     remembers = bool(evidence.identification.model.signals.memory_signals)
     for phase in evidence.phases[1:]:
         if np.isnan(phase.share).all():
@@ -54,9 +53,9 @@ def feed_forward_findings(evidence: Evidence) -> list[Finding]:
             continue
         state: State = "no" if share > LARGEST_OF_JOINT else "limited"
         sentence = f"{phase.name.capitalize()} {joints[joint]} is off by {share:.0%} of its torque."
-        found.append(Finding(state, sentence, _DIAGNOSE if remembers else _PRESLIDING))
+        found.append(Finding(state, sentence, DIAGNOSE if remembers else _PRESLIDING))
     if not evidence.phases:
         sentence = "What is left where joints reverse and start takes the held-out recordings."
-        found.append(Finding("limited", sentence, "Give the recordings that the model was tried on."))
+        found.append(Finding("limited", sentence, GIVE_RECORDINGS))
     good = f"The held-out error is {error:.1%}; the worst joint {', '.join(figures)}."
     return [*found, Finding("yes", good)]

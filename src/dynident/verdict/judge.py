@@ -21,7 +21,7 @@ from dynident.verdict.payload_use import payload_findings, unit_findings
 from dynident.verdict.simulation_use import drift_of, simulation_findings
 from dynident.verdict.stopping import Stop, stop_of, tells_stop
 from dynident.verdict.tool_loads import DetectableForce, detectable_force, detectable_mass
-from dynident.verdict.use import USES, Finding, State, Use, UseName, use_of
+from dynident.verdict.use import DIAGNOSE, USES, Finding, State, Use, UseName, use_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +164,7 @@ def _revised(evidence: Evidence, name: UseName) -> list[Finding]:
         Finding(
             "no",
             f"The validation {one.kind.replace('_', ' ')} failed: {one.judged.reason}",
-            "Find what is missing: dynident diagnose MODEL RUN.",
+            DIAGNOSE,
         )
         for one in evidence.failed(*_REVISES[name])
     ]
@@ -175,7 +175,8 @@ def _against_all(
 ) -> Finding | None:
     """What speaks against every use, or leaves nothing to judge by; None where nothing does."""
     if identification.model.is_at_rest:
-        return Finding("no", _of_poses(identification), "Record a designed motion: dynident design ROBOT.")
+        sentence = "Poses at rest tell nothing of motion."
+        return Finding("no", sentence, "Record a designed motion: dynident design ROBOT.")
     copied = [one for one in common if one.kind == "copied"]
     if copied:
         return Finding("not_judged", " ".join(map(str, copied)), "Hold out a recording of another motion.")
@@ -198,12 +199,12 @@ def _veto(checks: Mapping[str, Sequence[Check]]) -> str:
     return against[0] if against else ""
 
 
-def _of_poses(found: Identification) -> str:
+def _judge_poses(found: Identification) -> str:
     """What a model of poses at rest is good for."""
     errors = found.fit if found.held_out is None else found.held_out
     error, of = errors.relative_total, "poses of the fit" if found.held_out is None else "held-out poses"
     able = "Fit for gravity compensation" if error <= LARGEST_ERROR else "Not even fit for gravity compensation"
-    return f"{able}: {error:.1%} of the torque of {of} is left. Poses at rest tell nothing of motion."
+    return f"{able}: {error:.1%} of the torque of {of} is left."
 
 
 def is_stopped(identification: Identification) -> bool:
@@ -228,7 +229,7 @@ def _next_steps(found: Identification, stop: Stop | None, common: Sequence[Commo
         for span in find_outlying_spans(found.data.training).spans
     ]
     if found.model.is_at_rest:
-        return ["Record a designed motion to identify the dynamics."]
+        return [_judge_poses(found), "Record a designed motion to identify the dynamics."]
     if found.held_out is None:
         return [*steps, "Record another motion, and hold it out."]
     error = found.held_out.relative_total

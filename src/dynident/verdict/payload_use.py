@@ -6,7 +6,7 @@ from dynident.effects import LINKS
 from dynident.identification.thresholds import LARGEST_TO_WEIGH
 from dynident.verdict.evidence import Evidence
 from dynident.verdict.feed_forward_use import error_findings
-from dynident.verdict.use import Finding
+from dynident.verdict.use import DIAGNOSE, GIVE_RECORDINGS, Finding
 
 GAINS = (
     "Run the motion of the identification with a load that was weighed: dynident validate MODEL payload LOADED "
@@ -34,7 +34,7 @@ def payload_findings(evidence: Evidence, mass: float | None) -> list[Finding]:
     error = evidence.held_out.relative_total
     if error > LARGEST_TO_WEIGH:
         sentence = f"The held-out error is {error:.1%}, above {LARGEST_TO_WEIGH:.0%}: what is left is taken for a load."
-        found.append(Finding("no", sentence, "Find what is missing: dynident diagnose MODEL RUN."))
+        found.append(Finding("no", sentence, DIAGNOSE))
     parameters = evidence.identification.parameters
     links = [one for one in parameters if one.effect == LINKS.effect and one.judgement != "zero_in_interval"]
     sure = sum(one.judgement == "determined" for one in links)
@@ -50,6 +50,6 @@ def payload_findings(evidence: Evidence, mass: float | None) -> list[Finding]:
         found.append(Finding("not_judged", sentence, GAINS))
     if mass is None:
         sentence = "Which mass shows takes a held-out motion that moves the tool."
-        return [*found, Finding("not_judged", sentence, "Give the recordings that the model was tried on.")]
+        return [*found, Finding("not_judged", sentence, GIVE_RECORDINGS)]
     figures = f"Along the held-out motion a load at the tool shows from {mass:.2g} kg on."
     return [*found, *(Finding("yes", one.judged.reason) for one in checked), Finding("yes", figures)]

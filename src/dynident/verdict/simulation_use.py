@@ -12,12 +12,11 @@ from dynident.identification.parameters.inertia import smallest_inertia_eigenval
 from dynident.identification.thresholds import LARGEST_DRIFT, NOTABLE_DRIFT
 from dynident.validation.drift import AFTER, Drift, open_loop_drift
 from dynident.verdict.evidence import Evidence
-from dynident.verdict.use import Finding
+from dynident.verdict.use import DIAGNOSE, GIVE_RECORDINGS, Finding
 
 # Limits of nature that are named; of more their number is said.
 _NAMED = 3
 _POSTURES = 200
-_DIAGNOSE = "Find what is missing: dynident diagnose MODEL RUN."
 CURE = "Identify again with bodies that can exist: dynident identify … --estimator feasible."
 
 
@@ -30,7 +29,7 @@ def simulation_findings(evidence: Evidence, drift: Drift | None) -> list[Finding
         sentence = "No robot with these parameters makes a step along the held-out motion."
         return [*found, Finding("no", sentence, CURE)]
     sentence = "How far a simulation runs away takes the held-out recordings."
-    return [*found, Finding("not_judged", sentence, "Give the recordings that the model was tried on.")]
+    return [*found, Finding("not_judged", sentence, GIVE_RECORDINGS)]
 
 
 def drift_of(evidence: Evidence) -> Drift | None:
@@ -89,10 +88,10 @@ def _drift(drift: Drift) -> Finding:
         sentence = (
             f"{figures} Above {LARGEST_DRIFT:.0%} of the way within {AFTER[1]:g} s it is no simulation of the robot."
         )
-        return Finding("no", sentence, _DIAGNOSE)
+        return Finding("no", sentence, DIAGNOSE)
     if float(np.nanmax(short)) > NOTABLE_DRIFT:
         sentence = f"Only with a controller, or for less than {AFTER[1]:g} s: {figures[0].lower()}{figures[1:]}"
-        return Finding("limited", sentence, _DIAGNOSE)
+        return Finding("limited", sentence, DIAGNOSE)
     return Finding("yes", figures)
 
 

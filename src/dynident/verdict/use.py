@@ -10,6 +10,9 @@ UseName = Literal["simulation", "feed_forward", "collision_detection", "payload"
 USES: tuple[UseName, ...] = ("simulation", "feed_forward", "collision_detection", "payload")
 State = Literal["yes", "limited", "no", "not_judged"]
 MARKS: dict[State, str] = {"yes": "✓", "limited": "!", "no": "✕", "not_judged": "?"}
+DIAGNOSE = "Find what is missing: dynident diagnose MODEL RUN."
+GIVE_RECORDINGS = "Give the recordings that the model was tried on."
+"""Next steps that several uses have."""
 _GRAVEST_FIRST: tuple[State, ...] = ("no", "not_judged", "limited", "yes")
 
 

@@ -63,6 +63,8 @@ class DesignResult(TypedDict):
     runs: list[Run]
     """Of a set of test motions; numbered in the trajectory's segment"""
     sampling_rate: float
+    warnings: list[str]
+    """The notes without which nobody should run the motion"""
 
 
 class ExpectedParameter(TypedDict):

@@ -13,6 +13,9 @@ from dynident.identification.imports.working_proposal import WorkingProposal
 from dynident.recordings.poses import jump_from_row_to_row
 from dynident.recordings.stated import EffortKind
 
+_EXPLAINED = 0.5
+"""Share of the torque that gravity may leave where the columns are what they are called."""
+
 TOGETHER = "give the files as one recording (q.csv+dq.csv+tau.csv)"
 
 
@@ -86,5 +89,5 @@ def guess_efforts_at_poses(
     left = None if q is None else fits.left(q, tau)
     if left is not None:
         what = "what gravity and constant torques of the robot do not explain of poses at rest"
-        work.say("check", f"{left:.0%} left", 0.9 if left < of_units.SURE - 0.3 else 0.4, what)
+        work.say("check", f"{left:.0%} left", 0.9 if left < _EXPLAINED else 0.4, what)
     return kind

@@ -63,7 +63,7 @@ def counts_unit(
     unit = ranked[0]
     alike = [other for other in ranked if not left or left[other] < CLEARLY * left[unit]]
     if left:
-        shares = [f"{left[other]:.1%} of the torque with {_shown(other)}" for other in ranked[:3]]
+        shares = [f"{left[other]:.1%} of the torque with {_name_unit(other)}" for other in ranked[:3]]
         reason += f"; the robot's dynamics leave {', '.join(shares)}"
     sure = len(alike) == 1 and left.get(unit, 1.0) < _EXPLAINED
     return UnitGuess(unit, 0.9 if sure else 0.5, reason, tuple(alike[:_MOST_ASKED]))
@@ -76,7 +76,7 @@ def _written(counts: float, low: FloatArray, high: FloatArray) -> list[str]:
     return [unit, f"{unit}@{0.5 * counts:.0f}"] if within_a_turn else [unit]
 
 
-def _shown(unit: str) -> str:
+def _name_unit(unit: str) -> str:
     counts, _, zero = unit.removeprefix("counts:").partition("@")
     return f"{counts} counts a turn" + (f" and zero at {zero}" if zero else "")
 

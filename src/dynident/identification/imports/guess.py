@@ -146,7 +146,7 @@ class _Guesser(WorkingProposal):
         raw = np.array(self.sample.values)
         raw[:, columns] = register.decode(raw[:, columns])
         self.sample = replace(self.sample, values=raw)
-        detail = f"{self.shown(group)} are registers whose sign was not read: {register}. They are read so."
+        detail = f"{self.name_columns(group)} are registers whose sign was not read: {register}. They are read so."
         self.say("rows/registers", "put right", 0.95, detail)
 
     def _without_torque(self, effort: Group) -> None:
@@ -251,10 +251,12 @@ class _Guesser(WorkingProposal):
             return None
         equal = [group for group in found if group.rank == found[0].rank]
         if len(equal) > 1 and not hold_the_same(self.values, equal):
-            names = tuple(self.shown(group) for group in equal)
+            names = tuple(self.name_columns(group) for group in equal)
             self.ask("columns/q", "Several sets of columns may be the measured positions: which one?", names)
         elif found[0].rank >= 4:
-            self.ask("columns/q", f"{self.shown(found[0])} are commanded positions: where are the measured ones?")
+            self.ask(
+                "columns/q", f"{self.name_columns(found[0])} are commanded positions: where are the measured ones?"
+            )
         self.map("q", found[0])
         return found[0]
 
@@ -270,8 +272,8 @@ class _Guesser(WorkingProposal):
         if not found and silent:
             self.map(silent[0].signal or "tau", silent[0])
             detail = (
-                f"{self.shown(silent[0])} are 0 in every row: was the torque not recorded, or did the robot swing "
-                "with its motors off? Then only ratios can be found, inertia and friction over gravity."
+                f"{self.name_columns(silent[0])} are 0 in every row: was the torque not recorded, or did the robot "
+                "swing with its motors off? Then only ratios can be found, inertia and friction over gravity."
             )
             self.questions.append(Question("effort_kind", detail, ("joint_torque",), "constant_torque"))
             return None, "joint_torque"
@@ -289,7 +291,7 @@ class _Guesser(WorkingProposal):
         best = found[0]
         equal = [group for group in found[1:] if group.rank == best.rank and group.signal == best.signal]
         if equal:
-            names = tuple(self.shown(group) for group in [best, *equal])
+            names = tuple(self.name_columns(group) for group in [best, *equal])
             self.ask("columns/tau", "Several sets of columns may be the measured torque: which one?", names)
         kind: EffortKind = "unknown"
         if best.named.external:
@@ -299,7 +301,7 @@ class _Guesser(WorkingProposal):
         elif best.rank >= 4:
             kind = "commanded"
         if kind != "unknown":
-            self._refuse_kind(kind, self.shown(best))
+            self._refuse_kind(kind, self.name_columns(best))
         return best, kind
 
     def _of_most_joints(self, position: Group | None) -> list[Group]:
@@ -370,7 +372,9 @@ class _Guesser(WorkingProposal):
                 (unit,) = same
                 self.unit("dq", of_units.UnitGuess(unit, 0.97, "it is the slope of the positions"), usual)
             else:
-                self.say("columns/dq", self.shown(group), 0.5, "not used: it is not the slope of these positions")
+                self.say(
+                    "columns/dq", self.name_columns(group), 0.5, "not used: it is not the slope of these positions"
+                )
 
     def _efforts(self, effort: Group, q: FloatArray, kind: EffortKind) -> EffortKind:
         tau = self.values[:, list(effort.columns)]
@@ -391,7 +395,7 @@ class _Guesser(WorkingProposal):
         if kind == "unknown":
             kind = by_data.kind
             if kind in ("gravity_compensated", "external", "commanded"):
-                self._refuse_kind(kind, f"{self.shown(effort)} look as if they were ({by_data.reason}); they")
+                self._refuse_kind(kind, f"{self.name_columns(effort)} look as if they were ({by_data.reason}); they")
         taken = "" if torque.unit in ("N m", "N") else f" (in {torque.unit})"
         self.say("effort_kind", kind, by_data.confidence, f"{by_data.reason}{taken}")
         if effort.unit in ("permille", "percent"):
@@ -404,15 +408,15 @@ class _Guesser(WorkingProposal):
             kind = "motor_torque" if kind == "unknown" else kind
         elif signal == "effort":
             if kind == "unknown":
-                detail = f"What are {self.shown(effort)}: torques of the joints, or currents of the motors?"
+                detail = f"What are {self.name_columns(effort)}: torques of the joints, or currents of the motors?"
                 self.ask("effort_kind", detail, ("joint_torque", "motor_torque", "motor_current"))
             signal = "current" if kind == "motor_current" else "tau"
             self.map(signal, effort)
         else:
             if kind == "unknown" and signal == "tau":
                 detail = (
-                    f"What are {self.shown(effort)}? They are called torques, but {by_data.reason}: torques of the "
-                    "joints, with such inertias, or of the motors before the gears?"
+                    f"What are {self.name_columns(effort)}? They are called torques, but {by_data.reason}: torques of "
+                    "the joints, with such inertias, or of the motors before the gears?"
                 )
                 self.ask("effort_kind", detail, ("joint_torque", "motor_torque"))
             self.map("tau" if signal == "tau" else "current", effort)
@@ -420,7 +424,7 @@ class _Guesser(WorkingProposal):
             self.effort_unit(signal or "tau", tau, effort, gains, reach)
         in_si = signal == "tau" or None not in gains
         if signal == "current":
-            asked = question_of_gains(self.shown(effort), effort.unit, gains, self.fits, (q, tau))
+            asked = question_of_gains(self.name_columns(effort), effort.unit, gains, self.fits, (q, tau))
             if asked is not None:
                 # By how much the torques are off is asked with the gains.
                 self.questions.append(asked)

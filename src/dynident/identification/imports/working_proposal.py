@@ -75,9 +75,9 @@ class WorkingProposal:
         for joint, column in enumerate(group.columns):
             name = self.sample.names[column]
             self.columns[f"{'tau' if name == NOT_RECORDED else signal}{joint + 1}"] = name
-        self.say(f"columns/{signal}", self.shown(group), 0.95 if group.rank < 4 else 0.6, group.reason)
+        self.say(f"columns/{signal}", self.name_columns(group), 0.95 if group.rank < 4 else 0.6, group.reason)
 
-    def shown(self, group: Group) -> str:
+    def name_columns(self, group: Group) -> str:
         """Name the first and the last column of a group."""
         first, last = (self.sample.names[group.columns[place]] for place in (0, -1))
         return f"{first} … {last}" if first != last else first

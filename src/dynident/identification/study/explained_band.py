@@ -59,13 +59,13 @@ def narrow_band(found: Identification, recordings: Sequence[Recording]) -> tuple
         tried.append(_narrower(chosen, (tried[-1].torque_cutoff or 0.0) / 2.0, recordings))
     torque = _TorqueSpectrum.of(recordings)
     errors = {one: _error(found, recordings, one, reference) for one in tried}
-    best = min(errors, key=lambda one: torque.missed(one, errors[one]))
+    best = min(errors, key=lambda one: torque.measure_missed(one, errors[one]))
     for factor in (2.0**0.5, 0.5**0.5):
         cutoff = (best.torque_cutoff or 0.0) * factor
         if _NARROWEST <= cutoff < chosen.torque_cutoff:
             near = _narrower(chosen, cutoff, recordings)
             errors[near] = _error(found, recordings, near, reference)
-    narrow = min(errors, key=lambda one: torque.missed(one, errors[one]))
+    narrow = min(errors, key=lambda one: torque.measure_missed(one, errors[one]))
     left, before = errors[narrow], errors[chosen]
     if narrow == chosen or left > _BETTER * before:
         return None
@@ -116,7 +116,7 @@ class _TorqueSpectrum:
             total += share * found.torque_squared
         return cls(frequency, power * float(frequency[1]), total)
 
-    def missed(self, band: Preprocessing, error: float) -> float:
+    def measure_missed(self, band: Preprocessing, error: float) -> float:
         """Mean squared torque that a model does not explain: what it leaves below the cut-off, and all above it."""
         above = float(self.power[self.frequency > (band.torque_cutoff or np.inf)].sum())
         return error**2 * max(self.total - above, 0.0) + above

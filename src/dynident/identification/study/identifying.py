@@ -23,7 +23,7 @@ from dynident.identification.study.poses import are_poses, identify_poses
 from dynident.identification.study.preparing import prepared
 from dynident.identification.study.result import Identification
 from dynident.identification.study.same_recordings import with_samples
-from dynident.progress import Progress, part, silent
+from dynident.progress import Progress, ascending, part, silent
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.regressors.model import build_model
 from dynident.robot.model import Robot
@@ -62,6 +62,7 @@ def identify(
     DynidentError
         Where the choices do not fit the robot or the data do not determine the parameters.
     """
+    progress = ascending(progress)  # a narrower band is identified in once more
     given = choices = choices or IdentificationChoices()
     check_recordings(robot, recordings, validation)
     if are_poses(recordings, validation):

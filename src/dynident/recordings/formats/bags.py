@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.arrays import FloatArray
-from dynident.recordings.arrow import from_numbers
+from dynident.recordings.arrow import batch_of
 from dynident.recordings.file_limits import BLOCK_VALUES, TITLE, check_columns, rows_of_block
 from dynident.recordings.formats.messages import Samples, samples_of
 from dynident.recordings.joining import JoinedRows, Series, TimeJoin
@@ -91,9 +91,7 @@ class BagSource(FileSource):
         values = {"t": joined.times}
         for topic, names in self._topics.items():
             values |= {f"{topic}/{name}": joined.values[topic][:, index] for index, name in enumerate(names)}
-        yield pa.RecordBatch.from_arrays(
-            [from_numbers(np.ascontiguousarray(values[name], dtype=np.float64)) for name in columns], names=columns
-        )
+        yield batch_of(values, columns)
 
 
 def bag_source(path: Path, name: str) -> BagSource:

@@ -10,6 +10,7 @@ from typing import IO
 import pyarrow as pa
 
 from dynident.recordings.file_limits import MOST_TEXT, TITLE, UnpackedSize
+from dynident.recordings.formats.streams import MadeStream
 from dynident.recordings.types import RecordingError
 
 _COMPRESSIONS = ((b"\x1f\x8b", "gzip"), (b"\x28\xb5\x2f\xfd", "zstd"), (b"BZh", "bz2"), (b"\x04\x22\x4d\x18", "lz4"))
@@ -57,7 +58,7 @@ def compression_of(path: Path) -> str | None:
     return next((name for first, name in _COMPRESSIONS if start.startswith(first)), None)
 
 
-class _Unpacking(io.RawIOBase):
+class _Unpacking(MadeStream):
     """Unpacks a file, and counts the bytes."""
 
     def __init__(self, path: Path, compression: str) -> None:
@@ -66,19 +67,14 @@ class _Unpacking(io.RawIOBase):
         self._size = UnpackedSize(path.stat().st_size, MOST_TEXT)
         self._file = pa.CompressedInputStream(pa.OSFile(str(path)), compression)
 
-    def readable(self) -> bool:
-        """Whether it can be read."""
-        return True
-
-    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
-        """Unpack into a buffer."""
+    def read_part(self, size: int) -> bytes:
+        """Unpack the next bytes."""
         try:
-            part: bytes = self._file.read(len(buffer))
+            part: bytes = self._file.read(size)
         except (OSError, ValueError) as error:
             raise RecordingError(f"The file cannot be unpacked ({self._compression}): {error}", title=TITLE) from error
         self._size.add(len(part))
-        buffer[: len(part)] = part
-        return len(part)
+        return part
 
     def close(self) -> None:
         """Close the file."""

@@ -35,7 +35,7 @@ from dynident.recordings.types import RecordingError
 
 START = re.compile(rb"^(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])")
 """An object with a name in it, or an array of objects or arrays."""
-_BETWEEN = re.compile(r"[\s,]*")
+_NEXT = re.compile(r"[^\s,]")
 _READ_BYTES = 1 << 18
 _BLOCK_ROWS = 8192
 _LOOKED_AT, _LOOKED_AT_VALUES = 2000, 200_000
@@ -124,7 +124,8 @@ def _objects(content: TextContent) -> Iterator[object]:
     text, place, number, at_end = "", 0, 0, False
     with content.open() as file:
         while True:
-            place = _BETWEEN.match(text, place).end()  # type: ignore[union-attr]
+            following = _NEXT.search(text, place)
+            place = len(text) if following is None else following.start()
             if number == 0 and text.startswith("[", place):
                 place += 1  # one array around all records
                 number = 1

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import codecs
-import io
 import re
 from collections.abc import Callable
 from typing import IO
 
 from dynident.recordings.file_limits import LARGEST_MESSAGE, TITLE
+from dynident.recordings.formats.streams import MadeStream
 from dynident.recordings.types import RecordingError
 
 _READ_BYTES = 1 << 18
@@ -64,7 +64,7 @@ def squeeze_spaces(text: str) -> str:
     return re.sub(r"(?m)^[ ]+|[ ]+(?=\r?$)", "", re.sub(r"[ \t]+", " ", text))
 
 
-class RewrittenText(io.RawIOBase):
+class RewrittenText(MadeStream):
     """A stream of text in UTF-8, made of one whose lines are rewritten.
 
     Parameters
@@ -83,18 +83,12 @@ class RewrittenText(io.RawIOBase):
         self._waiting, self._ready = "", b""
         self._at_end = False
 
-    def readable(self) -> bool:
-        """Whether it can be read."""
-        return True
-
-    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
-        """Give the next bytes."""
+    def read_part(self, size: int) -> bytes:
+        """Give the next bytes of the rewritten text."""
         while not self._ready and not self._at_end:
             self._read_more()
-        part = self._ready[: len(buffer)]
-        self._ready = self._ready[len(part) :]
-        buffer[: len(part)] = part
-        return len(part)
+        part, self._ready = self._ready[:size], self._ready[size:]
+        return part
 
     def _read_more(self) -> None:
         part = self._file.read(_READ_BYTES)

@@ -14,9 +14,10 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.arrays import FloatArray
-from dynident.recordings.arrow import from_numbers
+from dynident.recordings.arrow import batch_of
 from dynident.recordings.file_limits import MOST_TEXT, TITLE, check_columns, check_unpacked, rows_of_block
 from dynident.recordings.formats.contents import TextContent
+from dynident.recordings.formats.streams import MadeStream
 from dynident.recordings.joining import JoinedRows, Series, TimeJoin
 from dynident.recordings.lists import counted_names
 from dynident.recordings.packing import MOST_FILES
@@ -121,7 +122,7 @@ class JoinedFiles(FileSource):
         values = {self._time: joined.times}
         for part, own in names.items():
             values |= {column: joined.values[part][:, place] for place, column in enumerate(own)}
-        yield pa.RecordBatch.from_arrays([from_numbers(values[name]) for name in columns], names=columns)
+        yield batch_of(values, columns)
 
     def _read_rows(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         wanted = self._wanted(columns)
@@ -149,7 +150,7 @@ class JoinedFiles(FileSource):
                 values |= {name: table[:count, place] for place, name in enumerate(own)}
                 if part is self._main and part.time is not None:
                     values[self._time] = t[:count]
-            yield pa.RecordBatch.from_arrays([from_numbers(values[name]) for name in columns], names=columns)
+            yield batch_of(values, columns)
             waiting = [(t[count:], table[count:]) for t, table in waiting]
             n_rows += count
 
@@ -250,7 +251,7 @@ def _opener(path: Path, name: str) -> Callable[[], IO[bytes]]:
     return lambda: io.BufferedReader(_Member(path, name), 1 << 18)
 
 
-class _Member(io.RawIOBase):
+class _Member(MadeStream):
     """A file in an archive; no more is unpacked of it than the archive says."""
 
     def __init__(self, path: Path, name: str) -> None:
@@ -265,18 +266,12 @@ class _Member(io.RawIOBase):
     def _broken(self, error: Exception) -> RecordingError:
         return RecordingError(f"{self._name} in the archive cannot be read: {error}", title=TITLE)
 
-    def readable(self) -> bool:
-        """Whether it can be read."""
-        return True
-
-    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
-        """Unpack into a buffer."""
+    def read_part(self, size: int) -> bytes:
+        """Unpack the next bytes."""
         try:
-            part = self._file.read(len(buffer))
+            return self._file.read(size)
         except _BROKEN as error:
             raise self._broken(error) from error
-        buffer[: len(part)] = part
-        return len(part)
 
     def close(self) -> None:
         """Close the archive."""

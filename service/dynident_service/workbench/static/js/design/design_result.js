@@ -20,7 +20,7 @@ export async function designResult(target, design, robot, signal) {
   await showMotion(motion, design, robot, signal);
 }
 
-function worth({ criterion_values: own, baseline_values: random, duration, n_samples: samples, sampling_rate: rate, notes }) {
+function worth({ criterion_values: own, baseline_values: random, duration, n_samples: samples, sampling_rate: rate, notes, warnings }) {
   const better = random?.criterion && own.criterion ? `${besides(random.criterion / own.criterion)} the best of ${random.count} random motions` : "";
   const all = [
     ["criterion", number(own.criterion), better || "smaller is better", "design-criterion"],
@@ -28,9 +28,10 @@ function worth({ criterion_values: own, baseline_values: random, duration, n_sam
     ["condition number of W", number(own.condition_number), "smaller is better"],
     ["duration", quantity(duration, "s"), `${grouped(samples)} samples at ${quantity(rate, "Hz")}`],
   ];
+  const others = notes.filter((one) => !warnings.includes(one));
   return h("section", { "aria-label": "What the design is worth" },
-    tiles(all),
-    notes.length ? h("details", {}, h("summary", {}, `What to know of it (${notes.length})`), h("ul", {}, notes.map((one) => h("li", {}, one)))) : null);
+    tiles(all), warnings.map((one) => h("p", { class: "box warning", role: "alert" }, one)),
+    others.length ? h("details", {}, h("summary", {}, `What to know of it (${others.length})`), h("ul", {}, others.map((one) => h("li", {}, one)))) : null);
 }
 
 /** How a design stands beside a random motion whose criterion is so many times its own. */

@@ -1,0 +1,29 @@
+"""Binary streams whose bytes are made as they are read."""
+
+from __future__ import annotations
+
+import io
+from abc import abstractmethod
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from _typeshed import WriteableBuffer
+
+
+class MadeStream(io.RawIOBase):
+    """A stream for reading; a subclass makes the next bytes."""
+
+    @abstractmethod
+    def read_part(self, size: int) -> bytes:
+        """Give the next bytes, at most `size`; none at the end."""
+
+    def readable(self) -> bool:
+        """Whether it can be read."""
+        return True
+
+    def readinto(self, buffer: WriteableBuffer, /) -> int:
+        """Put the next bytes into a buffer; returns how many."""
+        view = memoryview(buffer)
+        part = self.read_part(len(view))
+        view[: len(part)] = part
+        return len(part)
