@@ -225,6 +225,7 @@ def test_every_confusion_that_the_catalogue_warns_of_has_an_experiment():
             assert experiment_for(effect.id, other) is not None
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("effect", [name for name in CATALOGUE if name not in ("rigid_body", "coulomb", "viscous")])
 def test_every_effect_gets_a_design_that_can_be_made(effect):
     possible = CATALOGUE[effect].applicable(ROBOT)

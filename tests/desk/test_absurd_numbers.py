@@ -204,6 +204,7 @@ def tried(make: Callable[[Any], object], request: Callable[[], Any]) -> list[str
     return wrong
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("case", CASES)
 def test_an_absurd_number_is_refused_or_answered(case: str) -> None:
     request, make = CASES[case]

@@ -138,6 +138,7 @@ def test_every_format_writes_any_name(tmp_path: Path, name: str) -> None:
     ElementTree.parse(tmp_path / "model.svg")
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ODD)
 def test_a_report_with_any_name_is_printed(tmp_path: Path, name: str) -> None:
     model = model_called(name)

@@ -55,6 +55,7 @@ def designs() -> dict[str, dy.DesignRequest]:
     return found
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ONE_JOINT)
 @pytest.mark.parametrize("wanted", designs())
 def test_every_experiment_is_designed(name: str, wanted: str) -> None:
@@ -63,6 +64,7 @@ def test_every_experiment_is_designed(name: str, wanted: str) -> None:
     assert all(margin.share <= 1.0 for margin in design.design.margins)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ONE_JOINT)
 def test_every_model_strategy_and_estimator_finds_the_same(name: str) -> None:
     runs, robot = one_joint_recordings(name), one_joint_robot(name)
@@ -89,6 +91,7 @@ def test_the_missing_effect_is_named_and_added(name: str) -> None:
     assert after.relative_total < 0.7 * before.relative_total
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ONE_JOINT)
 @pytest.mark.parametrize("rows", [one for one in AVAILABLE_MODELS if one != "base_wrench"])
 def test_every_kind_of_rows_is_diagnosed(name: str, rows: str) -> None:
@@ -133,6 +136,7 @@ OPERATIONS: dict[str, Callable[[str], object]] = {
 }
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ONE_JOINT)
 @pytest.mark.parametrize("operation", OPERATIONS)
 def test_it_is_compared_followed_and_reported(name: str, operation: str) -> None:
@@ -145,6 +149,7 @@ def test_it_is_exported(name: str, format: str) -> None:
     assert export_model(model_of(name).identification, format, nearest=True).content
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ONE_JOINT)
 @pytest.mark.parametrize("kind", [one for one in TRIALS.names if one != "payload"])
 def test_it_is_validated(name: str, kind: str) -> None:

@@ -154,6 +154,7 @@ BAGS: dict[str, tuple[str, Writer, dict[str, str], dict[str, str]]] = {
 }
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("log", [*LOGS, *BAGS])
 def test_logs_of_robots_are_read_unasked_as_what_was_measured(tmp_path, log):
     if log in BAGS:
@@ -388,6 +389,7 @@ def held_out(robot: Robot, training, validation) -> float:
     return model.held_out.relative_total
 
 
+@pytest.mark.sweep
 @pytest.mark.real_data
 @pytest.mark.parametrize("log", REAL)
 def test_a_ur10e_is_predicted_as_well_from_any_log_as_from_the_clean_file(tmp_path, ur10e, log):

@@ -81,6 +81,7 @@ def said(found: Diagnosis) -> str:
     return found.summary.partition(". ")[0].partition(": leave")[0]
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("seed", [*range(6), *(pytest.param(k, marks=pytest.mark.thorough) for k in range(6, 18))])
 def test_a_push_is_named_with_its_seconds_and_nothing_else_is(seed):
     recording, model, (start, end) = case(seed, pushed)
@@ -95,6 +96,7 @@ def test_a_push_is_named_with_its_seconds_and_nothing_else_is(seed):
     assert grown.fit.relative_total < 0.5 * model.fit.relative_total
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("seed", range(30, 36))
 def test_nothing_is_said_of_an_arm_that_nothing_touched(seed):
     recording, model, _ = case(seed, untouched)
@@ -104,6 +106,7 @@ def test_nothing_is_said_of_an_arm_that_nothing_touched(seed):
     assert not found.summary.startswith("From")
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     ("disturb", "cause"),
     [

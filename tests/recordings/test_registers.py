@@ -23,6 +23,7 @@ def unsigned(counts: np.ndarray, bit: int, kind: str) -> np.ndarray:
     return np.where(counts < 0, 2.0**bit - counts if kind == "sign bit" else 2.0 ** (bit + 1) + counts, counts)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     ("name", "seed", "rate", "bit", "kind"),
     [

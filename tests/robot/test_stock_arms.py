@@ -65,6 +65,7 @@ def test_a_hull_with_many_corners_in_one_plane_has_the_distances_of_the_part(cor
     assert made.reach == pytest.approx(np.hypot(0.1, 0.3))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ARMS)
 def test_a_stock_arm_is_checked_for_collision_with_all_its_meshes(name: str) -> None:
     if STOCK is None:

@@ -80,6 +80,7 @@ def test_an_absurd_number_in_an_address_is_no_error_of_ours(client: TestClient, 
         assert answer.status_code < 500, (method, path, name, answer.text)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("number", ABSURD)
 def test_an_absurd_number_in_a_body_is_no_error_of_ours(client: TestClient, robot: dict[str, Any], number: str) -> None:
     for method, path, body in _operations("body"):

@@ -88,4 +88,4 @@ def test_to_find_the_next_job_takes_no_longer_of_ten_thousand_than_of_ten(
     of_few = median_seconds()
     add(new_database, 10_000, "many")
     # A scan of all of them would take more than ten times as long.
-    assert median_seconds() < 3 * of_few
+    assert median_seconds() < 5 * of_few

@@ -219,6 +219,7 @@ def test_a_request_gives_the_measurement_of_its_robot(robot: Robot) -> None:
     assert measured.n_samples == 251
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("effect", sorted(set(CATALOGUE) - {"rigid_body", "rotor_inertia", "coulomb", "viscous"}))
 def test_every_effect_of_the_catalogue_has_a_typical_size_that_shows_in_the_torque(robot: Robot, effect: str) -> None:
     exact = Sensors(sampling_rate=200.0, encoder_counts=None, torque_noise=0.0)

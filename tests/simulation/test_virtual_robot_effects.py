@@ -69,6 +69,7 @@ def _inverse(robot: Robot, effects: tuple[TrueEffect, ...], measured: Measuremen
     return dense @ np.array(values)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", sorted(set(CATALOGUE) - PLAIN - MEASURED))
 def test_measured_torque_is_that_of_the_links_and_every_effect(name: str) -> None:
     robot = robot_from_library("ur10")
