@@ -18,7 +18,7 @@ PATHS = sorted(set(re.findall(r"`((?:src|service|tests|docs|\.ci)/[\w./-]+)`", P
 
 
 def test_it_is_one_page() -> None:
-    assert len(PAGE.splitlines()) <= 60
+    assert len(PAGE.splitlines()) <= 65
     assert len(PATHS) > 12
 
 
