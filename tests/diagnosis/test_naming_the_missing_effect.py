@@ -72,6 +72,7 @@ def test_a_hidden_effect_alone_is_named_and_leaves_nothing_but_noise_once_added(
     assert_named(CASES[effect], 0)
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=THOROUGH) for seed in (0, 2, 4))])
 @pytest.mark.parametrize("effect", CASES)

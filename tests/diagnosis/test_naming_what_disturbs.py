@@ -16,6 +16,7 @@ SHAPES = {"base_vibration": ("f", FREQUENCY)}
 SIZES = {"torque_delay": ("delay", DELAY), "drive_gain_error": ("eps2", 0.08)}
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("effect", MORE)
 def test_a_hidden_effect_alone_is_named_with_its_shape_and_leaves_nothing_but_noise_once_added(effect):
     case = MORE[effect]

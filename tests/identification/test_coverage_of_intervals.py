@@ -31,7 +31,7 @@ def test_intervals_hold_the_truth_in_about_95_of_100_cases_in_every_class(covera
         assert 0.92 <= share <= 0.98, (name, share)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_they_do_so_where_joints_share_what_the_model_lacks(shared):
     assert set(shared.honest) == CLASSES
     for name, share in shared.honest.items():

@@ -13,6 +13,7 @@ pytestmark = pytest.mark.slow
 SHORT = {"duration": 6.0, "sampling_rate": 100.0, "harmonics": 3}
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ONE_JOINT)
 def test_a_robot_of_one_joint_goes_the_whole_way(live: Client, name: str) -> None:
     robot = live.robots.create(name, urdf=one_joint_urdf(name))
