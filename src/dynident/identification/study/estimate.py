@@ -1,4 +1,4 @@
-"""What was estimated: the parameters of a model and how sure they are. It predicts torque without any data."""
+"""The estimated parameters of a model and their uncertainty: enough to predict torque without any data."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class IdentifiedParameter:
 
     @property
     def well_identified(self) -> bool:
-        """Whether the data determine it."""
+        """Whether the data determine the parameter."""
         return self.judgement == "determined"
 
 
@@ -97,7 +97,22 @@ class Estimate:
         not_essential: tuple[int, ...] = (),
         shape_constants: tuple[ShapeConstant, ...] = (),
     ) -> Estimate:
-        """A solution with what its data say of it beside the statistics."""
+        """Return the estimate of a solution, with the noise of every joint and what is owed to prior knowledge.
+
+        Parameters
+        ----------
+        model : Model
+        data : ReducedData
+        reference : ReferenceParameters
+            What the torque in the model's columns was predicted with.
+        solution : Solution
+            Parameters (b,).
+        statistics : Statistics
+        standard : StandardParameters, optional
+        not_essential : tuple of int
+            Numbers of parameters that were set to zero.
+        shape_constants : tuple of ShapeConstant
+        """
         noise = statistics.noise if data.all_rows_alike else noise_of_rows(data.training, solution.values)
         # A joint without rows has no residual, and what is divided by its noise must stay a number.
         noise = floored(noise)
@@ -116,6 +131,7 @@ class Estimate:
     def parameters(self) -> tuple[IdentifiedParameter, ...]:
         """The base parameters in the order of the model."""
         relative = self.statistics.relative_standard_deviations(self.values)
+        # A parameter that a prior fixes exactly has no deviation; dividing by it would make all others infinite.
         smallest = max(float(np.min(relative, initial=inf)), _EXACT)
         deviations = self.statistics.standard_deviations
         half = self.statistics.half_widths()
