@@ -54,8 +54,8 @@ def check_same_recordings(identification: Identification, recordings: Sequence[R
         f"{', '.join(others)} {'holds' if len(others) == 1 else 'hold'} other samples" if others else "some are missing"
     )
     raise DynidentError(
-        f"these are not the recordings that the model was identified from ({names}): {difference}. Give those files, read "
-        "as they were then: the same windows, columns, units, gains and steps that were skipped. From other data "
+        f"these are not the recordings that the model was identified from ({names}): {difference}. Give those files, "
+        "read as they were then: the same windows, columns, units, gains and steps that were skipped. From other data "
         "identify a model anew.",
         pointer="/measurement_ids",
         title="Other recordings",
