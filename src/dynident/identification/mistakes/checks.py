@@ -170,8 +170,8 @@ def _commanded(static: StaticTorque, tau: Sequence[str]) -> Check:
         "error",
         f"There is neither friction nor inertia in the torque ({columns}): the load of gravity alone explains all but "
         f"{unexplained} of it, and motion has {moving}. It seems to be the command of a gravity compensation, while "
-        f"something else moved the joints, such as a hand. {NO_MEASUREMENT['commanded'].capitalize()}: give the torque, or "
-        "current, that was measured while the drives moved the robot.",
+        f"something else moved the joints, such as a hand. {NO_MEASUREMENT['commanded'].capitalize()}: give the "
+        "torque, or current, that was measured while the drives moved the robot.",
         tau[static.joints[0]],
     )
 
@@ -232,8 +232,9 @@ def _mounting(mounting: Mounting, robot: Robot) -> Check:
         GRAVITY,
         "warning",
         f"Gravity seems to pull along ({direction}) m/s² of the base, as on a wall, a slope or a ceiling: with the "
-        f"stated one {mounting.left_as_stated:.0%} of the torque of {worst} cannot be explained by the robot's dynamics, with "
-        f'that at most {mounting.left:.0%} of any joint\'s. State it with the robot: "gravity": [{direction}].',
+        f"stated one {mounting.left_as_stated:.0%} of the torque of {worst} cannot be explained by the robot's "
+        f"dynamics, with that at most {mounting.left:.0%} of any joint's. State it with the robot: "
+        f'"gravity": [{direction}].',
     )
 
 
