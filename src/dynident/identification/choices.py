@@ -125,6 +125,7 @@ class IdentificationChoices:
         _known("estimator", name_of(self.estimator), AVAILABLE_ESTIMATORS)
         _known("covariance", self.covariance, AVAILABLE_COVARIANCES)
         _known("steps", self.steps, STEPS.names)
+        # Names first, then the ranges that each field declares, then what depends on several fields.
         check_ranges(self)
         if not isinstance(self.estimator, str):
             # An estimator without options of its own is kept by its name alone, so that equal choices compare equal.
@@ -195,6 +196,7 @@ class IdentificationChoices:
         return self.weigh_turns and self.model == "dynamic" and self.solver.weighs_turns
 
     def _check_prior(self) -> None:
+        # The divergence is a barrier: only an estimator that keeps bodies possible can minimise it.
         if self.trust.of_bodies and not self.solver.possible_bodies:
             able = " or ".join(ESTIMATORS.having("possible_bodies"))
             raise DynidentError(

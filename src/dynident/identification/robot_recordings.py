@@ -120,6 +120,7 @@ def import_cured(
             cure = next(
                 (check.apply for check in error.checks if check.status == "error" and check.apply is not None), None
             )
+            # Without a cure, or after too many, the user has to see the error itself.
             if cure is None or len(done) == most:
                 raise
             done.append(cure)

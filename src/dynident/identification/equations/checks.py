@@ -32,6 +32,7 @@ def check_recordings(robot: Robot, recordings: Sequence[Recording], validation: 
         raise DynidentError("give at least one measurement to identify from", pointer="/measurement_ids")
     for pointer, group in (("/measurement_ids", recordings), ("/validation_ids", validation)):
         for index, recording in enumerate(group):
+            # The order counts as well: columns are matched to joints by their place.
             if recording.joint_names != robot.joint_names:
                 raise DynidentError(
                     f"{recording.name} has the joints {', '.join(recording.joint_names)}; the robot has "
@@ -111,6 +112,7 @@ def check_runs(
     known = {*labels, *(recording.name for recording in recordings)}
     besides = {label for recording in validation for label in (recording.name, *recording.run_labels)}
     for index, choice in enumerate(effects):
+        # Names of recordings and of the runs within them both count.
         strangers = [run for run in choice.runs if run not in known | besides]
         if choice.runs and not strangers and not known & set(choice.runs):
             raise DynidentError(
@@ -150,6 +152,8 @@ def check_equations(model: Model, name: ModelName, equations: Reduction, torque:
     ------
     EstimationError
     """
+    # The torques have to be asked, too: a parameter that they do not show either is the motion's fault, not the
+    # equations'.
     lost = unseen_parameters(model, equations)
     if not lost or unseen_parameters(model, torque):
         return
@@ -208,6 +212,7 @@ def check_reduction(model: Model, reduction: Reduction, known: Information | Non
     ------
     EstimationError
     """
+    # The reasons are checked from the most basic one on, so that the message names the real cause.
     if reduction.n_rows == 0:
         raise EstimationError(
             "no rows are left after filtering; use a longer recording or wider windows",

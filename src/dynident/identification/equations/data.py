@@ -66,6 +66,7 @@ def motions_and_friction(recordings: Sequence[Recording]) -> tuple[tuple[Recordi
     DynidentError
         Where there are tests of friction alone.
     """
+    # Tests of single joints would count friction twice, and move too little to identify anything else.
     friction = tuple(recording for recording in recordings if recording.role == "friction")
     ordinary = tuple(recording for recording in recordings if recording.role != "friction")
     if friction and not ordinary:

@@ -111,6 +111,7 @@ def _pole(recordings: Sequence[Recording], preprocessing: Preprocessing) -> tupl
     cutoff = preprocessing.torque_cutoff
     source = "the torque cut-off"
     if cutoff is None:
+        # The torque is not filtered, so the band of the motion itself has to serve.
         cutoff, source = _HARMONICS * motion_band(recordings), f"{_HARMONICS:g} times the band of the motion"
     pole = max(_SMALLEST_POLE, round(2.0 * pi * cutoff, 1))
     return pole, (
@@ -128,6 +129,7 @@ def _interval(recordings: Sequence[Recording]) -> tuple[float, str]:
     same energy.
     """
     band = motion_band(recordings)
+    # Half a swing of the energy at the highest frequency of the motion.
     interval = 1.0 / (SHARE_OF_PERIOD * band)
     return interval, (
         f"Energy model: intervals of {interval:.3g} s, an eighth of the shortest period of the motion (its band ends "

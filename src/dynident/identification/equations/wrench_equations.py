@@ -57,6 +57,8 @@ def wrench_equations(
     reduction = reduce_form(wrench.form, plain, recordings, preprocessing, nothing, progress)
     if reduction.n_rows == 0:
         return reduction.combined(wrench.coordinates[:, wrench.n_extra :])
+    # Columns that only the wrench shows come first; they are eliminated so that the rest is in the model's
+    # parameters.
     return without_nuisance(reduction.combined(wrench.coordinates), wrench.n_extra, weighted=rows.weighted)
 
 

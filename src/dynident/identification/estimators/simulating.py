@@ -140,8 +140,8 @@ class _References:
 def _references(data: Data, measured: float | None) -> _References:
     """Return the commanded motions where they are recorded and were followed, else the measured ones.
 
-    These are filtered below `measured` Hz. Commands hold no noise of encoders, and may be taken up to what the data's own
-    filter leaves.
+    These are filtered below `measured` Hz. Commands hold no noise of encoders, and may be taken up to what the data's
+    own filter leaves.
     """
     cutoff, wide = _cutoff(data, measured), _cutoff(data, None)
     motions, warnings, delays = [], [], []

@@ -75,6 +75,7 @@ def guess_clock_of_poses(work: WorkingProposal) -> Clock | None:
         return None
     unit = work.named[column].unit or "s"
     steps = np.diff(work.sample.values[:, column])
+    # A nominal rate, only so that the rows have an order; no filter uses it.
     middle = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
     work.columns["t"] = work.sample.names[column]
     if unit != "s":

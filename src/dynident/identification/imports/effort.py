@@ -158,6 +158,8 @@ def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: 
     is_current = known and scales.near_one(gains * (current_factor or 1.0))
     # The masses of a description may be guesses. So currents that are somewhat off are still possible.
     may_be_current = known and scales.is_fair(gains * (current_factor or 1.0))
+    # All joints have to agree on one unit: currents look like torques on single joints, but not on all with the same
+    # factor.
     agrees = is_torque and not may_be_current and better_by_other_gains(robot, motion, 2.0) < CLEARLY_AGREES
     if agrees:
         return EffortGuess("joint_torque", 0.9, "it is as large as the inertias of the description say")
@@ -174,6 +176,7 @@ def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: 
 
 def _torque_by_elimination(robot: Robot, motion: Motion, torque_factor: float) -> EffortGuess | None:
     """Return torque where it cannot be currents: those would be too large or too small for an arm."""
+    # Currents of an arm lie in a known range, so values outside of it can only be torques.
     peak, usual = float(np.abs(motion.tau).max()), usual_scale(robot, motion)
     if usual is None:
         # Without masses, only values that are too small for a motor in any unit decide: joint torques in kN m.

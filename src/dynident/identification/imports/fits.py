@@ -71,6 +71,7 @@ class Fits:
             Positions in rad or m, and torques in any unit.
         """
         motion = self.motion(q, tau)
+        # A sample in which nothing moves explains any torque by constants.
         if motion is None or not len(motion.q) or not (np.ptp(motion.q, axis=0) > 0).any():
             return None
         unexplained = left_of(self.robot, motion)

@@ -90,6 +90,7 @@ class _Guesser(WorkingProposal):
         for remark in self.sample.remarks:
             self.say("rows", "joined", 0.95, remark)
         self._set_aside()
+        # Everything else needs the time: slopes, filters and fits.
         clock = guess_clock_of_poses(self) if self.of_poses else guess_clock(self)
         if clock is None:
             return self._done(kind)
@@ -118,12 +119,14 @@ class _Guesser(WorkingProposal):
         local += groups_of_few_joints(others, rest, self.robot)
         in_groups = {index for group in local for index in group.columns}
         rest = [index for index in rest if index not in in_groups]
+        # The groups were numbered without the time column; number them as the file does.
         groups = [group.among(places) for group in local]
         groups += self._unnamed(groups, [places[index] for index in rest], n)
         position = self._position(groups)
         effort, kind = self._effort(groups, position)
         if position is None or effort is None:
             return self._done(kind)
+        # Registers and empty columns are corrected first, as the import will do it.
         self._read_signs(position, "q")
         self._read_signs(effort, "tau")
         self._without_torque(effort)
@@ -265,6 +268,7 @@ class _Guesser(WorkingProposal):
             )
             self.ask("columns/q", detail, self.sample.names)
             return None
+        # Several columns of the same rank that hold the same numbers are one signal, logged twice.
         equal = [group for group in candidates if group.rank == candidates[0].rank]
         if len(equal) > 1 and not hold_the_same(self.values, equal):
             names = tuple(self.name_columns(group) for group in equal)

@@ -76,6 +76,7 @@ def inspect_file(path: Path, robot: Robot | None, rate: float | None = None) -> 
 
 def _checked(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal:
     """Import the sample as proposed, and turn what is refused into questions."""
+    # Open questions come first: without their answers the import would fail for reasons that are known already.
     if not proposal.is_sure:
         return proposal
     metadata = RecordingMetadata(columns=proposal.columns, units=proposal.units)

@@ -72,6 +72,7 @@ def position_unit(
         if stated in possible:
             return UnitGuess(stated, 0.99, f"its name says {stated}, and the range of motion fits it")
         return UnitGuess(stated, 0.5, f"its name says {stated}, but that goes beyond the robot's limits")
+    # Hardly anyone logs mrad or revolutions, so these need the fit to be taken.
     usual = [unit for unit in likely if unit in ("rad", "deg")]
     whole = bool((q[:, turning] == np.rint(q[:, turning])).all())
     if not {"rad", "deg"} & set(possible) and (whole or not possible):
@@ -176,6 +177,7 @@ def rate_unit(signal: str, kind: str, factor: float, stated: str | None) -> Unit
         What its name says.
     """
     known: dict[str, float] = FACTORS[signal, kind]  # type: ignore[index]
+    # In logarithms: a factor of two too large is as far off as one of two too small.
     near = {unit: abs(np.log(value / factor)) for unit, value in known.items()} if factor > 0 else {}
     best = min(near, key=lambda unit: near[unit], default=None)
     if best is None or near[best] > 0.12:
@@ -252,6 +254,7 @@ def current_unit(i: FloatArray, gains: Sequence[float | None], robot: Robot, sta
     if stated in ("A", "mA"):
         return UnitGuess(stated, 0.99, f"its name says {stated}")
     most = np.nanmax(np.abs(i), axis=0)
+    # With gains and limits known, the currents must make a sensible share of the torque that the joint can give.
     shares = [
         abs(gain) * most[index] / limit
         for index, (gain, joint) in enumerate(zip(gains, robot.joints, strict=True))

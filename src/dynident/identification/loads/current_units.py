@@ -105,6 +105,7 @@ def identify_currents(
         joints, or data that do not determine a joint's parameters.
     """
     refuse_coupled_drives(robot, "currents are told joint by joint for")
+    # Files usually hold torque that somebody computed from the current; dividing by that gain undoes it.
     gains = stated_gains(robot, stated)
     check_current_effects(effects)
     check_recordings(robot, recordings, validation)
@@ -153,6 +154,7 @@ def _current_model(
     """Identify the current of one joint from its own equation."""
     base = select_base(rows, tuple(column.name for column in model.kept))
     kept_columns = np.array(base.kept, dtype=np.intp)
+    # Only this joint's equation, in the columns that it tells apart.
     own = only(training, (joint,)).select(kept_columns)
     name = model.robot.joint_names[joint]
     if not own.equations[joint].joined[:, -1].any():

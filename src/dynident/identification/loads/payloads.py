@@ -38,6 +38,7 @@ class KnownPayload:
         """Parameters of the payload effect that are known, by name."""
         if self.centre is None:
             return {"Mp": self.mass}
+        # First moments are the mass times the centre, and linear in the torque as the mass is.
         moments = {name: self.mass * x for name, x in zip(_FIRST_MOMENTS, self.centre, strict=True)}
         return {"Mp": self.mass, **moments}
 
@@ -89,6 +90,7 @@ def stated_payload(name: str, payload: Mapping[str, object] | None) -> KnownPayl
     """
     if payload is None:
         raise _unusable(name, "", 'no payload is stated; give "payload": {"mass": …} in kg')
+    # Metadata come from a user's file or request, so every value may be of any type.
     mass = _number(payload.get("mass"))
     if not (math.isfinite(mass) and mass > 0):
         stated = payload.get("mass")
@@ -155,6 +157,7 @@ def loaded_data(
     check_recordings(robot, recordings, ())
     # A payload for each loaded recording, as an effect in that run alone: the name tells them apart.
     carried = [load_in(recording.name) for recording in loaded]
+    # Loads need no predicted torque here, so the reference parameters are empty.
     model = build_model(robot, [*effects, *carried])
     chosen = preprocessing or choose_preprocessing(recordings)
     nothing = ReferenceParameters.nothing(robot)
@@ -172,6 +175,7 @@ def scaled(reduction: Reduction, factors: FloatArray) -> Reduction:
     factors : (n,)
     """
     equations = tuple(
+        # Only the last column, which holds the torque, is scaled.
         equation.changed(np.diag([*np.ones(len(equation.columns)), factor]), equation.columns)
         for equation, factor in zip(reduction.equations, factors, strict=True)
     )

@@ -27,6 +27,7 @@ def stated_gains(robot: Robot, stated: Sequence[float] | None) -> FloatArray:
     if stated is None:
         return np.array([1.0 if drive.gain is None else drive.gain for drive in robot.drives])
     gains = np.asarray(stated, dtype=np.float64)
+    # A gain of zero would make every torque zero; a negative one is a matter of signs, and allowed.
     if gains.shape != (robot.n,) or not np.all(np.isfinite(gains) & (gains != 0)):
         raise DynidentError(
             f"the stated gains are {list(stated)}; give one number other than 0 for each of the {robot.n} joints",

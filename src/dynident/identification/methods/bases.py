@@ -95,6 +95,7 @@ class Prior(Kind):
     of_bodies: ClassVar[bool] = False
 
 
+# Each registry finds its kinds in the files of one package, and imports these only when the first kind is asked for.
 ESTIMATORS: Kinds[Estimator] = Kinds(f"{_HOME}.estimators", Estimator, "estimator")
 STRATEGIES: Kinds[Strategy] = Kinds(f"{_HOME}.strategies", Strategy, "strategy")
 MODELS: Kinds[RowsModel] = Kinds(f"{_HOME}.models", RowsModel, "model")

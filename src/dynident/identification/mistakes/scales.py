@@ -75,11 +75,13 @@ def scales_of(robot: Robot, motion: Motion, excess: Mapping[int, float]) -> tupl
     if factors is None:
         return _by_friction(excess) or None
     middle = _middle(factors) or 1.0
+    # One factor for most joints: the unit of the file is another, not the gains of single joints.
     if not 1.0 / FAR_OF_VOTES < middle < FAR_OF_VOTES:
         # Most joints are off, but some may be right: those of another make.
         right = {joint for joint, (times, share) in enumerate(factors) if _agrees(times, share)}
         middle = _middle([factors[joint] for joint in range(robot.n) if joint not in right]) or middle
         return tuple(Scale(joint, middle, _power(middle)) for joint in range(robot.n) if joint not in right)
+    # The masses come first. Friction decides only for joints whose load explains too little of their torque.
     explained = {joint: times for joint, (times, share) in enumerate(factors) if share >= EXPLAINED and times > 0}
     by_masses = (
         Scale(joint, times, _power(times)) for joint, times in explained.items() if not 1.0 / FAR < times < FAR
@@ -175,6 +177,7 @@ def by_masses(robot: Robot, motion: Motion, joints: Sequence[int], factor: float
     known = [factors[k][0] for k in joints if factors and factors[k][1] >= EXPLAINED_OF_GROUP and factors[k][0] > 0]
     if not known:
         return factor
+    # The fit is flat near its best factor, so the factor that the masses give is the better one if it is near.
     ratio = 1.0 / float(np.median(known))
     if not 1.0 / SAME_POWER < ratio / factor < SAME_POWER:
         return factor

@@ -138,6 +138,8 @@ def find_mistakes(
         return None
     findings: list[Finding] = []
     now = judge.left(motion)
+    # Mend the clearest fault, then look again: several faults hide each other, and the first one's cure changes the
+    # rest.
     while len(findings) < _MOST_MISTAKES:
         step = _best(judge, robot, motion, now)
         if step is None:
@@ -378,6 +380,8 @@ def better_by_other_gains(robot: Robot, motion: Motion, factor: float) -> float:
         `factor`.
     """
     judge = Judge(robot)
+    # A torque in a single unit fits best as it is; if it gains by scaling some joints, the joints are in different
+    # units.
     now, joints = judge.left(motion), np.arange(robot.n)
     groups = [*(joints == k for k in np.flatnonzero(now.moving)), *(joints >= k for k in range(2, robot.n - 1))]
     factors = [np.where(group, times, 1.0) for group in groups for times in (factor, 1.0 / factor)]

@@ -43,6 +43,7 @@ def bodies_of(columns: Sequence[Column]) -> tuple[Body, ...]:
     return tuple(
         Body(link, link, np.array(members)) if role == "link" else Body(_carried(link, runs), "", np.array(members))
         for (role, link, runs), members in groups.items()
+        # A body with fixed or missing parameters has no whole pseudo-inertia.
         if len(members) == len(INERTIAL_NAMES)
     )
 

@@ -73,6 +73,7 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
     ------
     DynidentError
     """
+    # A prior that believes placeholders would do more harm than none, so each of these cases is refused.
     inertias = robot.inertias
     for index, name in enumerate(free_links):
         if name not in robot.joint_names:

@@ -190,6 +190,8 @@ def _judged(
         return build_constant("at_edge", f"at the lower end of what is searched ({low:.3g}): it may as well be smaller")
     if value >= high * (1 - _AT_END) and step >= -half and not place.spec.signed:
         return build_constant("at_edge", f"at the upper end of what is searched ({high:.3g}): it may as well be larger")
+    # A linearisation only holds nearby. A step beyond the interval, and beyond a step of the search, means a new
+    # search.
     if abs(step) > max(half, place.change(1.0)):
         way = "larger" if step > 0 else "smaller"
         return build_constant(

@@ -114,6 +114,7 @@ def complete_shapes(
     if not any(lacks_shape(choice) for choice in added):
         return tuple(added)
     with_shape = tuple(choice for choice in added if not lacks_shape(choice))
+    # Joints differ in their shape constants, so that one value for all would fit none of them.
     still_open = one_joint_each([choice for choice in added if lacks_shape(choice)], model.robot)
     everything = (*with_shape, *still_open)
     coarse = find_shapes(model, everything, recordings, preprocessing, reference, part(progress, 0.0, 0.5), known)

@@ -63,6 +63,7 @@ def steps_of(robot: Robot, steps: StepsName) -> Iterator[tuple[int, ...]]:
     if steps == "link_by_link":
         yield from ((joint,) for joint in reversed(range(robot.n)))
         return
+    # A wrist is light. Identified together with the shoulder, its parameters would drown in the shoulder's noise.
     wrist = wrist_joints(robot)
     if wrist:
         yield wrist
@@ -73,6 +74,8 @@ def wrist_joints(robot: Robot) -> tuple[int, ...]:
     """Return the last three joints of every arm, but not more than half of its joints."""
     wrist = []
     for joint in range(robot.n):
+        # Depth of the last joint of this arm; how many joints come after this one decides whether it belongs to the
+        # wrist.
         behind = max(len(robot.ancestors(other)) for other in robot.subtree(joint))
         after = behind - len(robot.ancestors(joint))
         if after < min(_LONGEST_WRIST, behind // 2):

@@ -134,6 +134,7 @@ class Estimate:
         # A parameter that a prior fixes exactly has no deviation; dividing by it would make all others infinite.
         smallest = max(float(np.min(relative, initial=inf)), _EXACT)
         deviations = self.statistics.standard_deviations
+        # Half-widths by Student's t: few independent samples give wider intervals than a normal distribution.
         half = self.statistics.half_widths()
         return tuple(
             IdentifiedParameter(
@@ -158,6 +159,7 @@ class Estimate:
 
     def standard_inertia(self) -> FloatArray:
         """Standard inertial parameters (10 n,) that give the same torque; feasible ones where they were solved for."""
+        # Feasible parameters are one of many solutions with the same torque; without them the model chooses one.
         if self.standard is not None and any(role_of(column) == "link" for column in self.model.columns):
             return self.standard.inertias(self.model).reshape(-1)
         return self.model.standard_inertia(self.values)

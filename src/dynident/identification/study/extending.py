@@ -65,6 +65,7 @@ def extend(
     check_same_recordings(identification, recordings)
     if are_poses(recordings, validation):
         return _extended_at_rest(identification, new, recordings, validation)
+    # One effect after the other, so that each step of the ladder shows what its effect is worth.
     grown, idle = identification, []
     for number, choice in enumerate(new):
         step_progress = part(progress, number / len(new), (number + 1) / len(new))

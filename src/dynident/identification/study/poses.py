@@ -84,10 +84,12 @@ def identify_poses(
         Where none of the effects acts at rest, or the poses do not determine their parameters.
     """
     effects = tuple(choice for choice in choices.effects if choice.effect in ACTING_AT_REST)
+    # Without gravity of the links nothing else at rest has a meaning.
     if not any(choice.effect == LINKS.effect for choice in effects):
         raise DynidentError(
             f"poses at rest show {', '.join(ACTING_AT_REST)}: choose {LINKS.effect} at least", pointer="/effects"
         )
+    # Nothing is filtered at rest; the filters are stored so that the file has the form of every other model.
     filters = choose_preprocessing(recordings)
     own = replace(
         choices, effects=effects, model="dynamic", strategy="global", preprocessing=filters, weigh_turns=False

@@ -54,6 +54,7 @@ class ReducedData:
 
         `shaped` is left out, as its columns would be others.
         """
+        # The equations of the dynamic model must stay the same object as the torques: others test for identity.
         training = self.training.combined(weights)
         return replace(
             self,

@@ -77,6 +77,7 @@ def effects_without(
     for index, choice in enumerate(removed):
         pointer = f"/effects/{index}"
         joints_of(choice, robot, pointer)
+        # Where nothing changes, the effect was not in the model on these joints.
         rest = tuple(part for choice_before in remaining for part in _without(choice_before, choice, robot))
         if rest == remaining:
             place = f" on {', '.join(choice.joints)}" if choice.joints else ""
@@ -141,6 +142,7 @@ def smaller_model(
             pointer=pointer,
             title="Recordings needed",
         )
+    # The base parameters of the smaller model follow from those of the larger one: no random states are evaluated.
     base = base_parameters_among(known.base, known.observation, [where[c.key] for c in columns], tolerance)
     model = build_model(known.robot, effects, tolerance=tolerance, signals=known.signals, base=base)
     return model, _combinations(known, model)

@@ -90,6 +90,7 @@ def _misfit(identification: Identification) -> list[str]:
     share = identification.fit.relative_total
     if not identification.choices.rows.by_joint or share <= _MISFIT:
         return []
+    # The joint with the largest residual in N m: it tells where to look.
     worst = identification.model.robot.joint_names[int(np.argmax(identification.fit.rms))]
     return [
         f"Even in the fit {share:.0%} of the torque is left unexplained, most on {worst}: look at the order, signs and "
@@ -132,6 +133,7 @@ def _other_equations(identification: Identification) -> list[str]:
 def _excitation(identification: Identification) -> list[str]:
     sentences = []
     condition = equilibrated_condition_number(identification.data.equations, identification.estimate.solution.noise)
+    # Columns of equal size: otherwise the units of the parameters decide, and not the motion.
     if condition > LARGEST_CONDITION_NUMBER:
         help_is = "Record an exciting trajectory (a design)"
         help_is += "." if identification.choices.prior else ' or use a prior (prior: "description").'
@@ -166,6 +168,7 @@ def _doubtful(estimate: Estimate) -> list[str]:
 def _overfit(identification: Identification) -> list[str]:
     if identification.held_out is None:
         return ["No validation data was given: the errors are those of the fit itself and flatter the model."]
+    # A model may fit noise as well. Held-out data show it, because their noise is another.
     if identification.held_out.relative_total > OVERFIT * identification.fit.relative_total:
         return [
             f"The error on validation data is {identification.held_out.relative_total:.1%} against "
