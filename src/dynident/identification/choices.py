@@ -179,7 +179,7 @@ class IdentificationChoices:
 
     @property
     def trust(self) -> Trust:
-        """How far the inertias of the description are believed."""
+        """Trust in the inertias of the description."""
         return Trust(self.belief, self.free_links, self.prior_error)
 
     @property

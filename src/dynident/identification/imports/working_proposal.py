@@ -29,7 +29,7 @@ class WorkingProposal:
 
     @cached_property
     def named(self) -> list[Named]:
-        """What the name of every column says."""
+        """Columns' names, taken apart into signal, joint and unit."""
         return read_names(self.sample.names, self.sample.units)
 
     def say(self, name: str, value: str, confidence: float, reason: str) -> None:

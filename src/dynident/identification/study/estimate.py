@@ -158,12 +158,15 @@ class Estimate:
         )
 
     def standard_inertia(self) -> FloatArray:
-        """Standard inertial parameters (10 n,) that give the same torque; feasible ones where they were solved for."""
+        """Return standard inertial parameters (10 n,) that give the same torque.
+
+        They are the feasible ones where the estimator solved for these.
+        """
         # Feasible parameters are one of many solutions with the same torque; without them the model chooses one.
         if self.standard is not None and any(role_of(column) == "link" for column in self.model.columns):
             return self.standard.inertias(self.model).reshape(-1)
         return self.model.standard_inertia(self.values)
 
     def next_reference(self) -> ReferenceParameters:
-        """What later models' loads and motor torques are predicted with, from these parameters."""
+        """Return the parameters that later models' loads and motor torques are predicted with."""
         return self.model.reference(self.values)

@@ -75,7 +75,7 @@ class Identification:
 
     @property
     def statistics(self) -> Statistics:
-        """How sure the parameters are: covariance, standard deviations, intervals."""
+        """Uncertainty of the parameters: covariance, standard deviations, intervals."""
         return self.estimate.statistics
 
     @property
@@ -95,7 +95,7 @@ class Identification:
 
     @property
     def preprocessing(self) -> Preprocessing:
-        """How the recordings were filtered."""
+        """Filters that the recordings went through."""
         return self.data.preprocessing
 
     @cached_property
