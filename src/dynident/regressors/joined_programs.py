@@ -1,4 +1,4 @@
-"""Programs of an observation matrix that grows: what is compiled stays."""
+"""Evaluate an observation matrix that grew by columns: the compiled program of the earlier columns stays in use."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dynident.expressions import Program
 
 
 class JoinedPrograms:
-    """Two programs side by side: the entries of the first, then those of the second.
+    """Two programs evaluated together: the entries of the first, then those of the second.
 
     Parameters
     ----------

@@ -93,8 +93,8 @@ class RowPhases:
     @property
     def interrupted(self) -> BoolArray:
         """(n,): joints out of whose equation instants may be taken before the filter."""
-        found = self.starting | self.jumping
-        return found if self.passive is None or self.felt is None else np.asarray(found | self.felt.any(axis=1))
+        joints = self.starting | self.jumping
+        return joints if self.passive is None or self.felt is None else np.asarray(joints | self.felt.any(axis=1))
 
     def certain(self, segment: int, t: FloatArray) -> BoolArray:
         """(m, n): at which samples, at the full rate, the sign of all friction in a joint's equation is certain.
@@ -115,7 +115,7 @@ class RowPhases:
         standing = self.phases.at(segment, t, self.margin) == Phase.STANDING
         return np.asarray(~standing | ~self.starting)
 
-    def partial(self, segment: int, t: FloatArray, found: PhaseArray, held: FloatArray | None) -> BoolArray:
+    def partial(self, segment: int, t: FloatArray, phase: PhaseArray, held: FloatArray | None) -> BoolArray:
         """(m, n): rows beside a halt, of the joint or of one that follows it, that say something of motion.
 
         Parameters
@@ -128,9 +128,9 @@ class RowPhases:
             Share of what is under the filter at which the equation held.
         """
         if held is None:
-            return np.zeros(found.shape, dtype=bool)
-        beside = (found == Phase.STANDING) & self.starting
-        return np.asarray((beside | (found == Phase.PASSIVE_HALT)) & (held > _TOLD))
+            return np.zeros(phase.shape, dtype=bool)
+        near_halt = (phase == Phase.STANDING) & self.starting
+        return np.asarray((near_halt | (phase == Phase.PASSIVE_HALT)) & (held > _TOLD))
 
     def _followers_halt(self, segment: int, t: FloatArray, before: float, after: float = 0.0) -> BoolArray:
         """(m, n): where a rubbed joint that follows, and that the joint moves, turns round or stands.
@@ -147,11 +147,11 @@ class RowPhases:
 
     def at(self, segment: int, t: FloatArray, after: float = 0.0) -> PhaseArray:
         """(m, n): phases at times t (m,) of a segment; `after`: seconds that a halt is felt beside the filters."""
-        found = self.phases.at(segment, t, self.width, after)
-        found[:, ~self.frictional] = Phase.MOVING
-        found[self._followers_halt(segment, t, self.width, after) & (found != Phase.STANDING)] = Phase.PASSIVE_HALT
-        found[:, self.no_torque] = Phase.NO_TORQUE
-        return found
+        phase = self.phases.at(segment, t, self.width, after)
+        phase[:, ~self.frictional] = Phase.MOVING
+        phase[self._followers_halt(segment, t, self.width, after) & (phase != Phase.STANDING)] = Phase.PASSIVE_HALT
+        phase[:, self.no_torque] = Phase.NO_TORQUE
+        return phase
 
     def used(self, segment: int, t: FloatArray, after: float = 0.0) -> BoolArray:
         """(m, n): which rows a model is fitted to."""
@@ -187,42 +187,42 @@ def _passive_friction(observation: Observation, first: int | None = None) -> Boo
     if robot.linkage is None:
         return np.zeros((robot.n, 0), dtype=bool)
     names = {c.link for c in observation.columns[:first] if c.effect and effect_by_id(c.effect).is_friction}
-    found = np.zeros((robot.n, len(robot.linkage.passive)), dtype=bool)
+    moves_rubbed = np.zeros((robot.n, len(robot.linkage.passive)), dtype=bool)
     for k, place in enumerate(robot.linkage.passive):
         # One that turns with a single joint halts when that does.
         if robot.tree.joint_names[place] in names and not robot.linkage.repeats(place):
-            found[list(robot.linkage.movers(place)), k] = True
-    return found
+            moves_rubbed[list(robot.linkage.movers(place)), k] = True
+    return moves_rubbed
 
 
 def joints_with_friction(observation: Observation, first: int | None = None) -> BoolArray:
     """(n,): joints whose friction is among the columns, or among the first so many of them."""
     # Offsets of a base sensor belong to no effect.
     names = {c.link for c in observation.columns[:first] if c.effect and effect_by_id(c.effect).is_friction}
-    found = np.zeros(observation.robot.n, dtype=bool)
+    has_friction = np.zeros(observation.robot.n, dtype=bool)
     for name in names & set(observation.robot.tree.joint_names):
-        found[list(observation.robot.movers(name))] = True
-    return found
+        has_friction[list(observation.robot.movers(name))] = True
+    return has_friction
 
 
 def _remembering_joints(observation: Observation) -> BoolArray:
     """(n,): joints with friction that remembers the path."""
-    found = np.zeros(observation.robot.n, dtype=bool)
+    has_memory = np.zeros(observation.robot.n, dtype=bool)
     for signal in observation.memory:
-        found[list(observation.robot.position_movers(signal.joint))] = True
-    return found
+        has_memory[list(observation.robot.position_movers(signal.joint))] = True
+    return has_memory
 
 
-def same_instants(one: Observation, other: Observation) -> bool:
+def same_instants(first: Observation, second: Observation) -> bool:
     """Whether the same instants are taken out of the equations of two observation matrices of one robot."""
 
-    def alike(*found: Callable[[Observation], BoolArray]) -> bool:
-        return all(np.array_equal(of(one), of(other)) for of in found)
+    def alike(*predicates: Callable[[Observation], BoolArray]) -> bool:
+        return all(np.array_equal(predicate(first), predicate(second)) for predicate in predicates)
 
     if not alike(starting_joints, _passive_friction):
         return False
     # Where a joint turns round is taken out only beside a rubbed one that follows it.
-    return not _passive_friction(one).any() or alike(joints_with_friction, _remembering_joints)
+    return not _passive_friction(first).any() or alike(joints_with_friction, _remembering_joints)
 
 
 def starting_joints(observation: Observation) -> BoolArray:
@@ -233,11 +233,11 @@ def starting_joints(observation: Observation) -> BoolArray:
 def lives_at_starts(observation: Observation) -> BoolArray:
     """(columns, n): columns of friction that shows where its joint starts: at low speed, or shortly after a halt."""
     names = observation.robot.tree.joint_names
-    found = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
+    shows_at_start = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
     for k, column in enumerate(observation.columns):
         if column.effect and column.link in names and effect_by_id(column.effect).at_starts(dict(column.shape)):
-            found[k, list(observation.robot.movers(column.link))] = True
-    return found
+            shows_at_start[k, list(observation.robot.movers(column.link))] = True
+    return shows_at_start
 
 
 def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
@@ -258,14 +258,14 @@ def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signal
     for direction in (1.0, -1.0):
         for j in range(robot.n):
             states = [symbol for signal, symbol in memory.items() if j in robot.position_movers(signal.joint)]
-            known = ca.vertcat(signals.dq[j], signals.ddq[j], *states)
+            state = ca.vertcat(signals.dq[j], signals.ddq[j], *states)
             speeds = (_TOUCH, min(_SLOWEST * velocity_scale(robot, j), _FASTEST_OF_SLOW) if steep[j] else _TOUCH)
             still, slow = (ca.vertcat(direction * v, 0.0, *([direction] * len(states))) for v in speeds)
             # What becomes zero at rest is an entry still, so that it is known to have changed.
             rows.append(
                 ca.horzcat(
                     *(
-                        ca.densify(ca.substitute(c.torque[j], known, still if _peaks_at_rest(c) else slow))
+                        ca.densify(ca.substitute(c.torque[j], state, still if _peaks_at_rest(c) else slow))
                         if f and not c.torque[j].is_zero()
                         else ca.SX(1, 1)
                         for c, f in zip(columns, friction, strict=True)
@@ -277,11 +277,11 @@ def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signal
 
 def _steep_at_rest(robot: Robot, columns: Sequence[Column]) -> BoolArray:
     """(n,): joints with a law of the speed among the columns that is steepest at rest."""
-    found = np.zeros(robot.n, dtype=bool)
+    is_steep = np.zeros(robot.n, dtype=bool)
     for c in columns:
         if c.effect and c.link in robot.tree.joint_names and effect_by_id(c.effect).steep_at_rest(dict(c.shape)):
-            found[list(robot.movers(c.link))] = True
-    return found
+            is_steep[list(robot.movers(c.link))] = True
+    return is_steep
 
 
 def _peaks_at_rest(column: Column) -> bool:
@@ -294,6 +294,6 @@ def _peaks_at_rest(column: Column) -> bool:
 
 def changed_at_rest(at_rest: Observation) -> BoolArray:
     """(columns,): columns of which something is different where a joint is at the point of moving."""
-    found = np.zeros(at_rest.n_columns, dtype=bool)
-    found[at_rest.entry_columns] = True
-    return found
+    changed = np.zeros(at_rest.n_columns, dtype=bool)
+    changed[at_rest.entry_columns] = True
+    return changed

@@ -41,8 +41,8 @@ class KeptRows:
         """What is kept of a recording; None where nothing is."""
         if preprocessing != self.preprocessing:
             return None
-        for known, samples in zip(self.recordings, self.samples, strict=True):
-            if _same(known, recording):
+        for kept_recording, samples in zip(self.recordings, self.samples, strict=True):
+            if _same(kept_recording, recording):
                 return samples
         return None
 
@@ -69,21 +69,21 @@ def reduce_and_keep(
         return reduce_recordings(
             observation, recordings, preprocessing, reference, progress, samples_of, model.at_rest
         ), None
-    kept: dict[Recording, tuple[FilteredSamples, ...]] = {}
+    samples_by_recording: dict[Recording, tuple[FilteredSamples, ...]] = {}
 
     def samples_and_keep(recording: Recording) -> Iterator[FilteredSamples]:
         collected = []
         for samples in _samples(observation, model.at_rest, recording, preprocessing, reference, usable):
             collected.append(samples)
             yield samples
-        kept[recording] = tuple(collected)
+        samples_by_recording[recording] = tuple(collected)
 
     reduction = reduce_recordings(
         observation, recordings, preprocessing, reference, progress, samples_and_keep, model.at_rest
     )
-    used = reference if model.needs_load else None
-    samples = tuple(kept[recording] for recording in recordings)
-    return reduction, KeptRows(observation, used, preprocessing, tuple(recordings), samples)
+    load_reference = reference if model.needs_load else None
+    samples = tuple(samples_by_recording[recording] for recording in recordings)
+    return reduction, KeptRows(observation, load_reference, preprocessing, tuple(recordings), samples)
 
 
 def reduce_with_more(
@@ -118,16 +118,16 @@ def _most_values(observation: Observation, recordings: Sequence[Recording], prep
 
 
 def _beside(
-    known: KeptRows | None,
+    kept_rows: KeptRows | None,
     observation: Observation,
     at_rest: Observation | None,
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
 ) -> Callable[[Recording], Iterator[FilteredSamples]] | None:
     """What gives the samples of recordings beside those that are known; None where none are."""
-    if known is None:
+    if kept_rows is None:
         return None
-    return lambda recording: _samples(observation, at_rest, recording, preprocessing, reference, known)
+    return lambda recording: _samples(observation, at_rest, recording, preprocessing, reference, kept_rows)
 
 
 def _samples(
@@ -136,9 +136,9 @@ def _samples(
     recording: Recording,
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
-    known: KeptRows | None,
+    kept_rows: KeptRows | None,
 ) -> Iterator[FilteredSamples]:
-    head = None if known is None else known.of(recording, preprocessing)
+    head = None if kept_rows is None else kept_rows.of(recording, preprocessing)
     phases = RowPhases.of(observation, recording, preprocessing)
     if head is None or observation.parts is None:
         yield from filtered_samples(observation, recording, preprocessing, reference, at_rest, phases)
@@ -147,21 +147,21 @@ def _samples(
     tail = filtered_samples(observation.parts[1], recording, preprocessing, reference, at_rest, phases)
     for before, behind in zip(head, tail, strict=True):
         whole = tuple(
-            None if one is None or more is None else np.hstack([one[:, :-1], more])
-            for one, more in zip(before.whole, behind.whole, strict=True)
+            None if kept_equation is None or new_equation is None else np.hstack([kept_equation[:, :-1], new_equation])
+            for kept_equation, new_equation in zip(before.whole, behind.whole, strict=True)
         )
         yield replace(behind, values=np.hstack([before.values, behind.values]), whole=whole)
 
 
-def _extends(observation: Observation, reference: ReferenceParameters, known: KeptRows) -> bool:
-    if observation.parts is None or observation.parts[0] is not known.observation:
+def _extends(observation: Observation, reference: ReferenceParameters, kept_rows: KeptRows) -> bool:
+    if observation.parts is None or observation.parts[0] is not kept_rows.observation:
         return False
-    if not same_instants(observation, known.observation):
+    if not same_instants(observation, kept_rows.observation):
         return False
-    return known.reference is None or reference.is_like(known.reference)
+    return kept_rows.reference is None or reference.is_like(kept_rows.reference)
 
 
-def _same(one: Recording, other: Recording) -> bool:
-    if (one.windows, one.segments, one.name, one.payload) != (other.windows, other.segments, other.name, other.payload):
+def _same(first: Recording, second: Recording) -> bool:
+    if (first.windows, first.segments, first.name, first.payload) != (second.windows, second.segments, second.name, second.payload):
         return False
-    return one.source is other.source or (one.path is not None and one.path == other.path)
+    return first.source is second.source or (first.path is not None and first.path == second.path)

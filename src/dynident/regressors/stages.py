@@ -97,8 +97,8 @@ def differences(
         if len(whole):
             yield segment, 0.5 * (t[whole] + t[whole + length]), values[whole + length] - values[whole]
         following = int(starts[-1]) + step if len(starts) else skip
-        kept = min(following, len(t))
-        skip, held = following - kept, (segment, t[kept:], values[kept:])
+        first_kept = min(following, len(t))
+        skip, held = following - first_kept, (segment, t[first_kept:], values[first_kept:])
 
 
 def _with_neighbours(samples: Iterable[Samples], before: int, behind: int) -> Iterator[Samples]:

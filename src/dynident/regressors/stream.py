@@ -40,12 +40,12 @@ class FilteredSamples:
 
     def rows(self, layout: Sequence[tuple[IndexArray, IndexArray]]) -> list[FloatArray]:
         """[W | Y] (m, p_j + 1) of every joint, from the places and columns of its entries."""
-        found = [np.empty((len(self.t), len(places) + 1)) for places, _ in layout]
-        for j, own in enumerate(found):
+        equations = [np.empty((len(self.t), len(places) + 1)) for places, _ in layout]
+        for j, own in enumerate(equations):
             # More than twice as fast as an index.
             np.take(self.values, layout[j][0], axis=1, out=own[:, :-1], mode="clip")
             own[:, -1] = self.tau[:, j]
-        return found
+        return equations
 
 
 _BlockFunction = Callable[[SampleBlock], FloatArray]
@@ -126,7 +126,7 @@ def filtered_samples(
         Takes halts out of the equations of joints that are looked at where they start, and out of all others the
         instants at which the sign of friction is uncertain.
     """
-    parts = [SampleFunction(one, reference, recording) for one in (observation, at_rest) if one is not None]
+    parts = [SampleFunction(matrix, reference, recording) for matrix in (observation, at_rest) if matrix is not None]
     layout = [observation.joint_entries(joint) for joint in range(recording.n)]
     nowhere = np.zeros(recording.n, dtype=bool)
     starting, interrupted = (nowhere, nowhere) if phases is None else (phases.starting, phases.interrupted)
@@ -144,12 +144,12 @@ def filtered_samples(
 
     # Places of an equation's entries and torque, and those of its friction at rest with them.
     equations = [np.append(places, tau.start + joint) for joint, (places, _) in enumerate(layout)]
-    known = equations
+    equations_and_rest = equations
     if at_rest is not None:
         friction = [[at_rest.joint_entries(row)[0] for row in (j, recording.n + j)] for j in range(recording.n)]
-        known = [
-            np.concatenate([one, resting.start + np.concatenate(own)])
-            for one, own in zip(equations, friction, strict=True)
+        equations_and_rest = [
+            np.concatenate([torque_places, resting.start + np.concatenate(own)])
+            for torque_places, own in zip(equations, friction, strict=True)
         ]
 
     def values(block: SampleBlock) -> FloatArray:
@@ -159,7 +159,7 @@ def filtered_samples(
         rows[:, tau] = block.tau
         certain = None if phases is None or not interrupted.any() else phases.certain(block.segment, block.t)
         if certain is not None:
-            _take_out(rows, ~certain, known)
+            _take_out(rows, ~certain, equations_and_rest)
         rows[:, whole], rows[:, torque] = rows[:, again], rows[:, tau.start + joints]
         if phases is not None and certain is not None:
             moves = phases.holds(block.segment, block.t)
@@ -199,10 +199,10 @@ def _whole(
     layout: Sequence[tuple[IndexArray, IndexArray]],
 ) -> tuple[FloatArray | None, ...]:
     """[W | Y] of every joint from values of chosen `entries` and the torque of chosen `joints`; None for the others."""
-    found: list[FloatArray | None] = [None] * len(layout)
+    equations: list[FloatArray | None] = [None] * len(layout)
     for number, joint in enumerate(joints):
-        found[joint] = np.hstack([rows[:, np.searchsorted(entries, layout[joint][0])], tau[:, [number]]])
-    return tuple(found)
+        equations[joint] = np.hstack([rows[:, np.searchsorted(entries, layout[joint][0])], tau[:, [number]]])
+    return tuple(equations)
 
 
 def parallel_filtered(
@@ -240,16 +240,16 @@ def low_passed(
     segment = -1
     for part in samples:
         if part.starts_segment and segment >= 0:
-            rest = low_pass.flush()
-            if rest.used.any():
-                yield segment, rest.t[rest.used], rest.values[rest.used]
+            remaining = low_pass.flush()
+            if remaining.used.any():
+                yield segment, remaining.t[remaining.used], remaining.values[remaining.used]
         segment = part.segment
-        given = low_pass.push(part.values, part.t, part.used, part.starts_segment)
-        if given.used.any():
-            yield segment, given.t[given.used], given.values[given.used]
-    rest = low_pass.flush()
-    if rest.used.any():
-        yield segment, rest.t[rest.used], rest.values[rest.used]
+        filtered = low_pass.push(part.values, part.t, part.used, part.starts_segment)
+        if filtered.used.any():
+            yield segment, filtered.t[filtered.used], filtered.values[filtered.used]
+    remaining = low_pass.flush()
+    if remaining.used.any():
+        yield segment, remaining.t[remaining.used], remaining.values[remaining.used]
 
 
 def reduce_recordings(
@@ -280,12 +280,12 @@ def reduce_recordings(
     by_phase : bool
         Whether rows where joints turn round are told apart, so that they may be weighed; with `at_rest` they are.
     """
-    beside = at_rest is not None
-    apart = by_phase or beside
-    rows_of = ObservationRows(observation, preprocessing, reference, samples_of, at_rest, apart)
-    columns = [observation.joint_entries(joint)[1] for joint in range(observation.robot.n)] * (2 if apart else 1)
-    found = folded(rows_of, columns, observation.n_columns, recordings, progress, beside)
-    return told_apart(found) if apart else found
+    keeps_rest_rows = at_rest is not None
+    splits_reversals = by_phase or keeps_rest_rows
+    rows_of = ObservationRows(observation, preprocessing, reference, samples_of, at_rest, splits_reversals)
+    columns = [observation.joint_entries(joint)[1] for joint in range(observation.robot.n)] * (2 if splits_reversals else 1)
+    reduction = folded(rows_of, columns, observation.n_columns, recordings, progress, keeps_rest_rows)
+    return told_apart(reduction) if splits_reversals else reduction
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,23 +309,23 @@ class ObservationRows:
         resting = None if self.at_rest is None else AtRest(observation, self.at_rest)
         phases = RowPhases.of(observation, recording, self.preprocessing)
         if self.samples_of is None:
-            given: Iterable[FilteredSamples] = filtered_samples(
+            sample_blocks: Iterable[FilteredSamples] = filtered_samples(
                 observation, recording, self.preprocessing, self.reference, self.at_rest, phases
             )
         else:
-            given = self.samples_of(recording)
-        for samples in given:
+            sample_blocks = self.samples_of(recording)
+        for samples in sample_blocks:
             rows = samples.rows(layout)
             phase = phases.at(samples.segment, samples.t)
             partial = phases.partial(samples.segment, samples.t, phase, samples.held)
-            beside = None
+            rest_rows = None
             if resting is not None and samples.at_rest is not None:
-                beside = [resting.rows(joint, rows[joint], samples, phase, partial) for joint in joints]
+                rest_rows = [resting.rows(joint, rows[joint], samples, phase, partial) for joint in joints]
             used = fitted(phase) | partial
             if self.by_phase:
                 turns = phase == Phase.REVERSING
                 rows, used = rows + rows, np.hstack([used & ~turns, used & turns])
-            yield EquationRows(samples.t, rows, samples.segment, used, beside)
+            yield EquationRows(samples.t, rows, samples.segment, used, rest_rows)
 
 
 class AtRest:
@@ -343,8 +343,8 @@ class AtRest:
     ) -> BesideRows:
         """What is beside one joint's equation, of its rows [W | Y] (m, p + 1); phase and partial (m, n)."""
         standing = phase[:, joint] == Phase.STANDING
-        kept = samples.whole[joint] if samples.whole else None
-        whole = rows if kept is None else kept
+        unmasked = samples.whole[joint] if samples.whole else None
+        whole = rows if unmasked is None else unmasked
         either = []
         for positions, columns in self._entries[joint]:
             w = whole[standing, :-1].copy()
