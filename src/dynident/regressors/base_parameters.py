@@ -216,6 +216,7 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0, *
     for j, joint in enumerate(robot.joints):
         if joint.kind == "prismatic":
             low[j], high[j] = joint.reach or (-1.0, 1.0)
+    # With closed loops not every joint position is possible: random ones have to close the loops.
     closure = None if robot.linkage is None else robot.linkage.closure
     q = rng.uniform(low, high, (n_states, n)) if closure is None else closure.postures(rng, n_states)
     dq, ddq = rng.uniform(-2, 2, (n_states, n)), rng.uniform(-5, 5, (n_states, n))

@@ -109,6 +109,7 @@ def reduce_form(
     """
     layout = form.layout
     n_entries = form.n_entries
+    # Only the filtered dynamic model has one equation for each joint; power, energy and wrench mix all joints.
     joint_by_joint = form.n_equations == form.observation.robot.n
 
     def rows_of(recording: Recording) -> Iterator[EquationRows]:

@@ -1,4 +1,4 @@
-"""Accumulate the equations of recordings in triangular factors as they come: one for each equation and block of time."""
+"""Accumulate the equations of recordings in triangular factors as they come: one for each equation and time block."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from dynident.progress import Progress, silent
 from dynident.recordings import Recording
 from dynident.side_by_side import one_by_one, side_by_side
 
+# Blocks of time: at least and at most so many seconds long, about so many of a recording, and never more than so
+# many.
 _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
 
 
@@ -30,7 +32,7 @@ class BesideRows:
 class EquationRows:
     """Rows of one segment: t (m,), and [W | Y] (m, p + 1) of every equation.
 
-    `used` (m, equations): which of them count, all if None; `beside`: the rows near halts and at rest of every equation.
+    `used` (m, equations): which of them count, all if None; `beside`: rows near halts and at rest of every equation.
     """
 
     t: FloatArray
@@ -103,6 +105,7 @@ def folded(
     """
     fold_recording = Folding(rows_of, tuple(columns), n_columns, stretch_length(recordings), beside)
     sizes = [recording.n_samples for recording in recordings]
+    # Recordings are independent of each other, so that large ones run side by side.
     return concatenate((one_by_one if in_turn else side_by_side)(fold_recording, recordings, sizes, progress))
 
 
@@ -142,5 +145,7 @@ def _with(reduction: Reduction, rest_accumulators: Sequence[BesideAccumulator]) 
     """Return the reduction with the rows near halts and at rest of every equation."""
     if not rest_accumulators:
         return reduction
-    equations = tuple(replace(e, beside=b.finish()) for e, b in zip(reduction.equations, rest_accumulators, strict=True))
+    equations = tuple(
+        replace(e, beside=b.finish()) for e, b in zip(reduction.equations, rest_accumulators, strict=True)
+    )
     return replace(reduction, equations=equations)

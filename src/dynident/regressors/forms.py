@@ -1,4 +1,4 @@
-"""The equations of the identification models: for all columns, a part that is differentiated in time and a part that is not.
+"""The equations of the identification models: one part of them is differentiated in time, the other is not.
 
 Every model of the chapter is d/dt(S χ) + D χ = y, with S and D free of accelerations wherever a column has an energy:
 
@@ -59,6 +59,7 @@ class Form:
     def shared(self) -> tuple[IndexArray, IndexArray]:
         """Entries of an evaluation that belong to D where S has one as well, and their places in dS/dt + D."""
         stored = self._places[: self.n_stored]
+        # Where the sorted places of S have each shared place of D: its entry is added to that of dS/dt.
         order = np.argsort(stored)
         picked = self.n_stored + np.flatnonzero(np.isin(self._places[self.n_stored :], stored))
         return picked, order[np.searchsorted(stored, self._places[picked], sorter=order)]
@@ -137,7 +138,7 @@ def power_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> For
 
 
 def wrench_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> Form:
-    """Build the reaction of the base (§12.8): force and moment at the base frame's origin, along its axes; six equations.
+    """Build the reaction of the base (§12.8): force and moment at the base frame's origin, along its axes.
 
     Parameters
     ----------
@@ -148,6 +149,7 @@ def wrench_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> Fo
     Returns
     -------
     Form
+        Of six equations.
 
     Raises
     ------

@@ -45,6 +45,7 @@ class JoinedPrograms:
             length = next(len(item) for item in inputs if item.ndim == 2)
             out = np.empty((length, self.n_outputs))
         border = self._first.n_outputs
+        # Inputs only ever grow at their ends, so that the first program reads the leading columns.
         leading = [item[..., :width] for item, width in zip(inputs, self._first.widths, strict=True)]
         self._first(*leading, out=out[:, :border])
         picked = [item[..., pick] for item, pick in zip(inputs, self._picks, strict=True)]

@@ -122,6 +122,8 @@ class Model:
         if not rigid:
             return links, none
         if len(rigid) != len(links):
+            # Only some links' parameters are in the model: the base parameters stand for themselves, all others are
+            # zero.
             full = np.zeros(len(links))
             for k, position in enumerate(self.base.kept):
                 column = self.columns[position]

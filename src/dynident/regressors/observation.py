@@ -47,6 +47,7 @@ class Observation:
     def of_matrix(cls, robot: Robot, columns: Sequence[Column], matrix: ca.SX, signals: Signals) -> Observation:
         """Build another matrix (k, c) of the same columns, of expressions in `signals`; k need not be n."""
         memory, runs = signals.memory_in(matrix), signals.runs_in(matrix)
+        # Only structural non-zeros are evaluated and stored: most parameters do not act on most joints.
         rows, cols = matrix.sparsity().get_triplet()
         return cls(
             robot=robot,

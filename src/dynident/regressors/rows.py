@@ -1,4 +1,4 @@
-"""Filtered rows of W kept in memory, so that a model with more columns needs only the new ones to be evaluated."""
+"""Filtered rows of W cached in memory, so that a model with more columns needs only the new ones to be evaluated."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class KeptRows:
         return f"KeptRows({', '.join(recording.name for recording in self.recordings)})"
 
     def of(self, recording: Recording, preprocessing: Preprocessing) -> tuple[FilteredSamples, ...] | None:
-        """What is kept of a recording; None where nothing is."""
+        """Return the cached samples of a recording; None if there are none, or of another preprocessing."""
         if preprocessing != self.preprocessing:
             return None
         for kept_recording, samples in zip(self.recordings, self.samples, strict=True):
@@ -55,12 +55,24 @@ def reduce_and_keep(
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> tuple[Reduction, KeptRows | None]:
-    """Reduce recordings to a model's columns as `reduce_recordings` does, and keep their rows where they are few.
+    """Reduce recordings to a model's columns, and cache their filtered rows where they are few.
 
     Parameters
     ----------
+    model : Model
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+    reference : ReferenceParameters
+        What torque is predicted with.
+    progress : Progress
     known : KeptRows, optional
         Of a model that this one extends: only the columns behind it are evaluated, unless loads are predicted anew.
+
+    Returns
+    -------
+    Reduction
+    KeptRows or None
+        None if the rows have more than `MOST_VALUES` entries.
     """
     observation = model.observation
     usable = known if known is not None and _extends(observation, reference, known) else None
@@ -74,6 +86,7 @@ def reduce_and_keep(
     def samples_and_keep(recording: Recording) -> Iterator[FilteredSamples]:
         collected = []
         for samples in _samples(observation, model.at_rest, recording, preprocessing, reference, usable):
+            # Samples are cached while they pass on to the reduction, so that nothing is read twice.
             collected.append(samples)
             yield samples
         samples_by_recording[recording] = tuple(collected)
@@ -82,6 +95,7 @@ def reduce_and_keep(
         observation, recordings, preprocessing, reference, progress, samples_and_keep, model.at_rest
     )
     load_reference = reference if model.needs_load else None
+    # The reduction may have worked through the recordings in another order.
     samples = tuple(samples_by_recording[recording] for recording in recordings)
     return reduction, KeptRows(observation, load_reference, preprocessing, tuple(recordings), samples)
 
@@ -95,14 +109,23 @@ def reduce_with_more(
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> Reduction:
-    """Reduce recordings to a model's columns and more behind them, without what is beside the equations.
+    """Reduce recordings to a model's columns and further ones, without the rows near halts and at rest.
 
     Parameters
     ----------
+    model : Model
     more : sequence of Column
         Made from the model's signals.
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+    reference : ReferenceParameters
+    progress : Progress
     known : KeptRows, optional
         Of the model: only the columns behind it are evaluated.
+
+    Returns
+    -------
+    Reduction
     """
     observation = model.observation.extended(more, model.signals)
     usable = known if known is not None and _extends(observation, reference, known) else None
@@ -112,7 +135,7 @@ def reduce_with_more(
 
 
 def _most_values(observation: Observation, recordings: Sequence[Recording], preprocessing: Preprocessing) -> float:
-    """How many entries the filtered rows of recordings have at most."""
+    """Return an upper bound of the number of entries in the filtered rows."""
     seconds = sum(used_duration(recording) * recording.sampling_rate for recording in recordings)
     return seconds / preprocessing.decimation * (len(observation.entry_rows) + observation.robot.n)
 
@@ -124,7 +147,7 @@ def _beside(
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
 ) -> Callable[[Recording], Iterator[FilteredSamples]] | None:
-    """What gives the samples of recordings beside those that are known; None where none are."""
+    """Return the function that gives a recording's samples, with the help of cached ones; None without any."""
     if kept_rows is None:
         return None
     return lambda recording: _samples(observation, at_rest, recording, preprocessing, reference, kept_rows)
@@ -138,6 +161,7 @@ def _samples(
     reference: ReferenceParameters,
     kept_rows: KeptRows | None,
 ) -> Iterator[FilteredSamples]:
+    # The cached leading columns (head), and the new ones behind them (tail).
     head = None if kept_rows is None else kept_rows.of(recording, preprocessing)
     phases = RowPhases.of(observation, recording, preprocessing)
     if head is None or observation.parts is None:
@@ -154,6 +178,7 @@ def _samples(
 
 
 def _extends(observation: Observation, reference: ReferenceParameters, kept_rows: KeptRows) -> bool:
+    """Return whether the cached rows are those of the leading columns, filtered with the same instants left out."""
     if observation.parts is None or observation.parts[0] is not kept_rows.observation:
         return False
     if not same_instants(observation, kept_rows.observation):
@@ -162,6 +187,12 @@ def _extends(observation: Observation, reference: ReferenceParameters, kept_rows
 
 
 def _same(first: Recording, second: Recording) -> bool:
-    if (first.windows, first.segments, first.name, first.payload) != (second.windows, second.segments, second.name, second.payload):
+    """Return whether two recordings have the same rows, though they may be different objects."""
+    if (first.windows, first.segments, first.name, first.payload) != (
+        second.windows,
+        second.segments,
+        second.name,
+        second.payload,
+    ):
         return False
     return first.source is second.source or (first.path is not None and first.path == second.path)
