@@ -52,8 +52,8 @@ def _csv_rows(table: pa.Table, quoting: Literal["none", "needed"]) -> bytes:
 
 def named_columns(columns: Mapping[str, NDArray[np.generic]]) -> pa.Table:
     """Make a table of arrays (m,), whatever is in their names."""
-    made = [pa.array(one) if one.dtype.kind == "U" else from_numbers(one) for one in columns.values()]
-    return pa.table(made, names=[encodable(name) for name in columns])
+    arrays = [pa.array(values) if values.dtype.kind == "U" else from_numbers(values) for values in columns.values()]
+    return pa.table(arrays, names=[encodable(name) for name in columns])
 
 
 def streamed_parquet(path: Path) -> pq.ParquetFile:

@@ -51,25 +51,27 @@ class AsRecorded:
         For a signal that the file does not hold, and what the layout of the file does not allow.
     """
 
-    def __init__(self, file: FileOfRobot, wanted: Sequence[str] = ()) -> None:
+    def __init__(self, file: FileOfRobot, requested: Sequence[str] = ()) -> None:
         self._source: FileSource = open_source(file.path, file.metadata.format, file.metadata.rate)
         layout, _ = find_columns(self._source.names, file.joints, file.metadata)
-        known = _known(layout, file)
-        names = list(dict.fromkeys(wanted)) or [f"{kind}{k + 1}" for kind in ("q", "tau") for k in range(len(layout.q))]
+        joint_signals = _known(layout, file)
+        names = list(dict.fromkeys(requested)) or [
+            f"{kind}{k + 1}" for kind in ("q", "tau") for k in range(len(layout.q))
+        ]
         own = {name: (Column(name), "") for name in self._source.names}
         for name in names:
-            if name not in known and name not in own:
+            if name not in joint_signals and name not in own:
                 raise RecordingError(
-                    f"there is no signal {name!r}; there are: {', '.join(known)}, and the file's own columns: "
+                    f"there is no signal {name!r}; there are: {', '.join(joint_signals)}, and the file's own columns: "
                     f"{', '.join(self._source.names[:40])}",
                     pointer="signals",
                     title="Unknown signal",
                 )
-        found = {name: known.get(name) or own[name] for name in names}
+        selected = {name: joint_signals.get(name) or own[name] for name in names}
         self._t = layout.t
-        self._columns = {name: column for name, (column, _) in found.items()}
+        self._columns = {name: column for name, (column, _) in selected.items()}
         self.names = tuple(names)
-        self.units = {name: unit for name, (_, unit) in found.items()}
+        self.units = {name: unit for name, (_, unit) in selected.items()}
 
     def rows(self, names: Sequence[str], start: float | None = None, end: float | None = None) -> Iterator[Rows]:
         """Give the rows from `start` to `end` in s, in blocks, of some of the signals."""
@@ -88,10 +90,12 @@ class AsRecorded:
         total = self.count(start, end)
         width = max(1, -(-2 * len(self.names) * total // points))
         blocks = self.rows(self.names, start, end)
-        kept = list(blocks) if width <= 2 else [_extremes(part) for part in _parted(blocks, width)]
-        if not kept:
+        parts = list(blocks) if width <= 2 else [_extremes(part) for part in _parted(blocks, width)]
+        if not parts:
             return 0, Rows(np.empty(0), np.empty((0, len(self.names))))
-        return total, Rows(np.concatenate([one.t for one in kept]), np.concatenate([one.values for one in kept]))
+        return total, Rows(
+            np.concatenate([extremes.t for extremes in parts]), np.concatenate([extremes.values for extremes in parts])
+        )
 
 
 def _inside(t: FloatArray, start: float | None, end: float | None) -> BoolArray:
@@ -124,9 +128,9 @@ def _extremes(part: Rows) -> Rows:
 
 
 def _known(layout: Layout, file: FileOfRobot) -> dict[str, tuple[Column, str]]:
-    found: dict[str, tuple[Column, str]] = {}
+    signals: dict[str, tuple[Column, str]] = {}
     for kind in STORED_KINDS:
         for joint, column in enumerate(getattr(layout, kind)):
             unit = our_unit(kind, file.joints.known_limits[joint].kind)
-            found[f"{kind}{joint + 1}"] = found[f"{kind}_{file.joints.names[joint]}"] = (column, unit)
-    return found
+            signals[f"{kind}{joint + 1}"] = signals[f"{kind}_{file.joints.names[joint]}"] = (column, unit)
+    return signals

@@ -18,7 +18,7 @@ def run_checks(
     sample: RawSample,
     layout: Layout,
     limits: tuple[JointLimits, ...],
-    found: tuple[Check, ...],
+    earlier_checks: tuple[Check, ...],
     metadata: RecordingMetadata,
     against: ModelChecks | None = None,
 ) -> tuple[Check, ...]:
@@ -32,13 +32,13 @@ def run_checks(
         For the first finding that makes the file unusable; its `checks` hold all of them.
     """
     accept = metadata.accept
-    checks = list(found)
+    checks = list(earlier_checks)
     checks += motion_checks(recording, sample, layout, limits)
     # Wrong units would only make the evidence of torque against motion misleading.
     if not any(check.status == "error" for check in _accepted(checks, accept)):
         checks += torque_checks(recording, sample, layout, limits, against)
-    judged = cured(_accepted(checks, accept), metadata, recording.joint_names)
-    wrong = [check for check in judged if check.status == "error"]
+    final_checks = cured(_accepted(checks, accept), metadata, recording.joint_names)
+    wrong = [check for check in final_checks if check.status == "error"]
     if wrong:
         first = wrong[0]
         raise RecordingError(
@@ -47,9 +47,9 @@ def run_checks(
             title=first.name.replace("_", " ").capitalize(),
             row=first.row,
             time=first.time,
-            checks=judged,
+            checks=final_checks,
         )
-    return judged
+    return final_checks
 
 
 def _accepted(checks: list[Check], accept: tuple[str, ...]) -> tuple[Check, ...]:

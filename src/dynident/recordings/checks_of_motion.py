@@ -39,14 +39,14 @@ def motion_checks(
     """Check the positions of the windows' rows, as they were measured."""
     if sample.used.sum() < 2:
         return [Check("length", "error", "The windows hold fewer than 2 rows; give wider ones.", layout.t.source)]
-    seen = _Seen(sample, limits)
+    positions = _Seen(sample, limits)
     return [
         _length(recording, layout),
-        _standstill(recording, seen, layout),
-        _moved(recording, seen, layout),
-        _units(recording, seen, layout, limits),
-        _quantisation(recording, seen, layout),
-        *_velocity(recording, seen, layout),
+        _standstill(recording, positions, layout),
+        _moved(recording, positions, layout),
+        _units(recording, positions, layout, limits),
+        _quantisation(recording, positions, layout),
+        *_velocity(recording, positions, layout),
     ]
 
 
@@ -89,17 +89,17 @@ def _length(recording: Recording, layout: Layout) -> Check:
     return Check("length", "ok", f"{seconds:.4g} s in {len(recording.segments)} segment(s).")
 
 
-def _standstill(recording: Recording, seen: _Seen, layout: Layout) -> Check:
+def _standstill(recording: Recording, positions: _Seen, layout: Layout) -> Check:
     """How much of its time every joint stands: information, since its rows there are left out by themselves."""
-    if not seen.moved.any():
+    if not positions.moved.any():
         return Check(
             "standstill",
             "error",
-            f"No joint moves between t = {seen.t[0]:.6g} and {seen.t[-1]:.6g} s (rows {seen.row[0]} to "
-            f"{seen.row[-1]}). Choose windows that hold the motion.",
+            f"No joint moves between t = {positions.t[0]:.6g} and {positions.t[-1]:.6g} s (rows {positions.row[0]} to "
+            f"{positions.row[-1]}). Choose windows that hold the motion.",
             layout.q[0].source,
-            int(seen.row[0]),
-            float(seen.t[0]),
+            int(positions.row[0]),
+            float(positions.t[0]),
         )
     shares = phase_shares(recording).standing
     stands = [f"{name} {100 * shares[j]:.2g} %" for j, name in enumerate(recording.joint_names) if shares[j] >= TOLD]
@@ -113,8 +113,8 @@ def _standstill(recording: Recording, seen: _Seen, layout: Layout) -> Check:
     )
 
 
-def _moved(recording: Recording, seen: _Seen, layout: Layout) -> Check:
-    resting = np.flatnonzero(~seen.moved)
+def _moved(recording: Recording, positions: _Seen, layout: Layout) -> Check:
+    resting = np.flatnonzero(~positions.moved)
     if not len(resting):
         return Check("joint_motion", "ok", "Every joint moves.")
     names = ", ".join(recording.joint_names[joint] for joint in resting)
@@ -122,24 +122,26 @@ def _moved(recording: Recording, seen: _Seen, layout: Layout) -> Check:
     status: Status = "ok" if recording.role == "friction" else "warning"
     detail = (
         f"Joint{'s' if len(resting) > 1 else ''} {names} never moved ({columns} spans less than "
-        f"{MOVED['revolute']:g} from row {seen.row[0]}, t = {seen.t[0]:.6g} s, to row {seen.row[-1]}): neither "
-        "its friction nor its inertia can be told from this alone. Identify from it together with runs in which the "
-        "joint moves, or lock the joint in the robot's description (locked_joints); a test of single joints has the "
-        'role "friction".'
+        f"{MOVED['revolute']:g} from row {positions.row[0]}, t = {positions.t[0]:.6g} s, to row {positions.row[-1]}): "
+        "neither its friction nor its inertia can be told from this alone. Identify from it together with runs in "
+        "which the joint moves, or lock the joint in the robot's description (locked_joints); a test of single joints "
+        'has the role "friction".'
     )
-    return Check("joint_motion", status, detail, layout.q[resting[0]].source, int(seen.row[0]), float(seen.t[0]))
+    return Check(
+        "joint_motion", status, detail, layout.q[resting[0]].source, int(positions.row[0]), float(positions.t[0])
+    )
 
 
-def _units(recording: Recording, seen: _Seen, layout: Layout, limits: tuple[JointLimits, ...]) -> Check:
-    speed, inner = seen.derivative()
+def _units(recording: Recording, positions: _Seen, layout: Layout, limits: tuple[JointLimits, ...]) -> Check:
+    speed, inner = positions.derivative()
     fastest = np.percentile(np.abs(speed[inner]), 99.0, axis=0) if inner.any() else np.zeros(recording.n)
     doubtful: Check | None = None
     for joint, limit in enumerate(limits):
         column = layout.q[joint].source
-        row = int(np.abs(seen.q[:, joint]).argmax())
-        low, high, rate = float(seen.low[joint]), float(seen.high[joint]), float(fastest[joint])
+        row = int(np.abs(positions.q[:, joint]).argmax())
+        low, high, rate = float(positions.low[joint]), float(positions.high[joint]), float(fastest[joint])
         small, unit, ours = (DEGREE, "deg", "rad") if limit.kind == "revolute" else (1e-3, "mm", "m")
-        where = int(seen.row[row]), float(seen.t[row])
+        where = int(positions.row[row]), float(positions.t[row])
         if _is_counted(limit, low, high):
             return Check(
                 "position_unit",
@@ -153,7 +155,9 @@ def _units(recording: Recording, seen: _Seen, layout: Layout, limits: tuple[Join
             )
         if _other_unit(limit, low, high, rate, small):
             # Of whole numbers a unit that fits is not enough to be taken unasked.
-            counts = limit.kind == "revolute" and bool((seen.q[:, joint] == np.rint(seen.q[:, joint])).mean() > WHOLE)
+            counts = limit.kind == "revolute" and bool(
+                (positions.q[:, joint] == np.rint(positions.q[:, joint])).mean() > WHOLE
+            )
             also = ' Whole numbers may be the counts of an encoder, too: "counts:4096" a turn.' if counts else ""
             return Check(
                 "position_unit",
@@ -211,10 +215,10 @@ def _is_counted(limit: JointLimits, low: float, high: float) -> bool:
     return farthest > MOST_TURNS and farthest > MOST_TURNS * max(map(abs, limit.position))
 
 
-def _quantisation(recording: Recording, seen: _Seen, layout: Layout) -> Check:
-    counting = seen.moved & (seen.span > 0.05 * seen.span.max())
-    steps = [_step(seen.q[:, joint]) if counting[joint] else 0.0 for joint in range(recording.n)]
-    levels = [seen.span[joint] / step if step else np.inf for joint, step in enumerate(steps)]
+def _quantisation(recording: Recording, positions: _Seen, layout: Layout) -> Check:
+    counting = positions.moved & (positions.span > 0.05 * positions.span.max())
+    steps = [_step(positions.q[:, joint]) if counting[joint] else 0.0 for joint in range(recording.n)]
+    levels = [positions.span[joint] / step if step else np.inf for joint, step in enumerate(steps)]
     worst = int(np.argmin(levels))
     if not steps[worst]:
         return Check("quantisation", "ok", "Positions come in no visible steps.")
@@ -224,16 +228,16 @@ def _quantisation(recording: Recording, seen: _Seen, layout: Layout) -> Check:
     advice = (
         "" if status == "ok" else " Log the encoder with all its digits, or move farther: steps become acceleration."
     )
-    changes = np.flatnonzero(np.diff(seen.q[:, worst]) != 0)
+    changes = np.flatnonzero(np.diff(positions.q[:, worst]) != 0)
     row = int(changes[0]) + 1 if len(changes) else 0
     return Check(
         "quantisation",
         status,
         f"{layout.q[worst].source} comes in steps of {steps[worst]:.3g}, {levels[worst]:.3g} of them over its motion "
-        f"(the first in row {seen.row[row]}).{advice}",
+        f"(the first in row {positions.row[row]}).{advice}",
         layout.q[worst].source,
-        int(seen.row[row]),
-        float(seen.t[row]),
+        int(positions.row[row]),
+        float(positions.t[row]),
     )
 
 
@@ -250,30 +254,32 @@ def _step(values: FloatArray) -> float:
     return step if np.median(np.abs(whole - np.rint(whole))) < 0.05 else 0.0
 
 
-def _velocity(recording: Recording, seen: _Seen, layout: Layout) -> list[Check]:
-    if seen.dq is None:
+def _velocity(recording: Recording, positions: _Seen, layout: Layout) -> list[Check]:
+    if positions.dq is None:
         return []
-    speed, inner = seen.derivative()
-    for joint in np.flatnonzero(seen.moved):
-        given, own = seen.dq[inner, joint], speed[inner, joint]
-        if not np.isfinite(given).all() or not given.any() or not own.any():
+    speed, inner = positions.derivative()
+    for joint in np.flatnonzero(positions.moved):
+        logged, derivative = positions.dq[inner, joint], speed[inner, joint]
+        if not np.isfinite(logged).all() or not logged.any() or not derivative.any():
             continue
-        alike = float(given @ own / np.sqrt((given @ given) * (own @ own)))
+        alike = float(logged @ derivative / np.sqrt((logged @ logged) * (derivative @ derivative)))
         if abs(alike) < 0.7:
             continue
-        found = _ratio(layout.dq[joint], layout.q[joint], float(np.sqrt((given @ given) / (own @ own))), alike)
-        if found is not None:
-            row = int(np.flatnonzero(inner)[np.abs(given).argmax()])
-            status, detail, units = found
-            where = f" (fastest in row {seen.row[row]})."
+        mismatch = _ratio(
+            layout.dq[joint], layout.q[joint], float(np.sqrt((logged @ logged) / (derivative @ derivative))), alike
+        )
+        if mismatch is not None:
+            row = int(np.flatnonzero(inner)[np.abs(logged).argmax()])
+            status, detail, units = mismatch
+            where = f" (fastest in row {positions.row[row]})."
             return [
                 Check(
                     "velocity_unit",
                     status,
                     detail + where,
                     layout.dq[joint].source,
-                    int(seen.row[row]),
-                    float(seen.t[row]),
+                    int(positions.row[row]),
+                    float(positions.t[row]),
                     Revision(units=units) if units else None,
                 )
             ]
@@ -281,7 +287,7 @@ def _velocity(recording: Recording, seen: _Seen, layout: Layout) -> list[Check]:
 
 
 def _ratio(velocity: Column, position: Column, ratio: float, alike: float) -> tuple[Status, str, dict[str, str]] | None:
-    known = {
+    known_ratios = {
         1.0 / DEGREE: (
             'one is in degrees, the other in radians. Say "units": {"dq": "deg/s"}, or {"q": …}',
             {"dq": "deg/s"},
@@ -290,7 +296,7 @@ def _ratio(velocity: Column, position: Column, ratio: float, alike: float) -> tu
         30.0 / pi: ('that is rpm. Say "units": {"dq": "rpm"}', {"dq": "rpm"}),
     }
     claim = f"{velocity.source} is {ratio:.4g} times the derivative of {position.source}"
-    for factor, (meaning, units) in known.items():
+    for factor, (meaning, units) in known_ratios.items():
         if abs(ratio / factor - 1.0) < 0.1:
             return "error", f"{claim}: {meaning}", units
     if alike < 0.0:

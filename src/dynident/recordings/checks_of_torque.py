@@ -51,21 +51,27 @@ def torque_checks(
         # Motors that are off: there is nothing to hold against the motion.
         return checks
     wrong = [check for check in checks if check.status == "error"]
-    told = None if wrong and wrong[0].name != "constant_torque" else _told_by_the_robot(recording, layout, against)
+    model_checks = (
+        None if wrong and wrong[0].name != "constant_torque" else _told_by_the_robot(recording, layout, against)
+    )
     if wrong:
         # A command against gravity has no torque at all where gravity has none: that is then what is wrong.
-        return [*(one for one in told or () if one.name == COMMANDED), *checks]
-    if any(one.name in ("torque_order", COMMANDED) for one in told or ()):
+        return [*(doubt for doubt in model_checks or () if doubt.name == COMMANDED), *checks]
+    if any(doubt.name in ("torque_order", COMMANDED) for doubt in model_checks or ()):
         # By all of the torque, where the corners of friction alone call right recordings early; and not beside another
         # mistake, which looks like a delay as well.
-        return [*checks, *(told or ()), Check("torque_alignment", "ok", f"Told by the robot's dynamics: {DELAY}.")]
+        return [
+            *checks,
+            *(model_checks or ()),
+            Check("torque_alignment", "ok", f"Told by the robot's dynamics: {DELAY}."),
+        ]
     evidence = against_motion.gather(recording)
     if evidence is None:
         nothing = "The recording is too short, or moves too little, to tell without a model."
         silent = (Check(name, "ok", nothing) for name in ("torque_order", "torque_sign", "torque_alignment"))
-        return [*checks, *silent, *(told or ())]
+        return [*checks, *silent, *(model_checks or ())]
     columns = _columns(recording, evidence, layout, sample)
-    return [*checks, *columns, _alignment(recording, evidence, layout, sample), *(told or ())]
+    return [*checks, *columns, _alignment(recording, evidence, layout, sample), *(model_checks or ())]
 
 
 def _told_by_the_robot(recording: Recording, layout: Layout, against: ModelChecks | None) -> tuple[Check, ...] | None:
@@ -164,10 +170,12 @@ def _constant(recording: Recording, sample: RawSample, layout: Layout) -> Check:
     )
     cure = None
     if len(constant) < np.count_nonzero(recording.has_torque):
-        told = ", ".join(f'"tau{one + 1}": "{NOT_RECORDED}"' for one in constant)
-        names = " and ".join(recording.joint_names[one] for one in constant)
-        detail += f' To leave the equation of {names} out and use the motion all the same, say "columns": {{{told}}}.'
-        cure = Revision(columns={f"tau{one + 1}": NOT_RECORDED for one in constant})
+        entries = ", ".join(f'"tau{k + 1}": "{NOT_RECORDED}"' for k in constant)
+        names = " and ".join(recording.joint_names[k] for k in constant)
+        detail += (
+            f' To leave the equation of {names} out and use the motion all the same, say "columns": {{{entries}}}.'
+        )
+        cure = Revision(columns={f"tau{k + 1}": NOT_RECORDED for k in constant})
     return Check("constant_torque", "error", detail, layout.tau[joint].source, row, time, cure)
 
 
@@ -204,7 +212,7 @@ def _order(recording: Recording, evidence: Evidence, layout: Layout, sample: Raw
 def _reordered(owner: IntArray, swapped: list[int]) -> Revision:
     """Every torque to the joint whose friction it shows, in the cycles that are surely exchanged."""
     order = list(range(1, len(owner) + 1))
-    for column in {one for joint in swapped for one in _cycle(owner, joint)}:
+    for column in {member for joint in swapped for member in _cycle(owner, joint)}:
         order[owner[column]] = column + 1
     return Revision(permutation={"tau": tuple(order)})
 
@@ -212,8 +220,8 @@ def _reordered(owner: IntArray, swapped: list[int]) -> Revision:
 def _surely_swapped(shares: FloatArray, certainty: FloatArray, owner: IntArray, joint: int) -> bool:
     """Tell whether every joint of a cycle explains its new torque clearly better than its old one."""
     cycle = _cycle(owner, joint)
-    each = all(shares[i, owner[i]] >= max(OWNED, 2.0 * shares[i, i]) for i in cycle)
-    return each and float(np.mean([certainty[i, owner[i]] - certainty[i, i] for i in cycle])) > np.log(SWAPPED)
+    all_better = all(shares[i, owner[i]] >= max(OWNED, 2.0 * shares[i, i]) for i in cycle)
+    return all_better and float(np.mean([certainty[i, owner[i]] - certainty[i, i] for i in cycle])) > np.log(SWAPPED)
 
 
 def _cycle(owner: IntArray, joint: int) -> list[int]:

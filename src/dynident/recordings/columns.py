@@ -167,16 +167,16 @@ def surplus_columns(names: Sequence[str], n: int, metadata: RecordingMetadata) -
     behind it would be taken for others.
     """
     mapped = {name.casefold() for name in metadata.columns.values()}
-    there = {name.casefold(): name for name in names if name.casefold() not in mapped}
-    found = [there[name] for name in (f"q{n + 1}", f"tau{n + 1}", f"current{n + 1}") if name in there]
-    if len(found) < 2:
+    unmapped = {name.casefold(): name for name in names if name.casefold() not in mapped}
+    surplus = [unmapped[name] for name in (f"q{n + 1}", f"tau{n + 1}", f"current{n + 1}") if name in unmapped]
+    if len(surplus) < 2:
         return None
     return Check(
         "joint_columns",
         "warning",
-        f"The file has {' and '.join(found)}, and the robot {n} joints: columns are counted in its order, and these "
+        f"The file has {' and '.join(surplus)}, and the robot {n} joints: columns are counted in its order, and these "
         "are not used. If the joint that the robot lacks is not the last one of the file, map the others by columns.",
-        column=found[0],
+        column=surplus[0],
     )
 
 
@@ -211,12 +211,16 @@ class _Finder:
 
     def find(self, kind: str, joint: int | None) -> Column | None:
         """Find the column of a signal of a joint (None: of a signal that belongs to no joint)."""
-        read = None if joint is None else self.arrangement.read(kind, joint)
-        ours = (kind,) if read is None else (f"{kind}_{self.joint_names[read]}", f"{kind}{read + 1}")
+        source_joint = None if joint is None else self.arrangement.read(kind, joint)
+        ours = (
+            (kind,)
+            if source_joint is None
+            else (f"{kind}_{self.joint_names[source_joint]}", f"{kind}{source_joint + 1}")
+        )
         source = self._source(ours)
         if source is None:
             return None
-        joint_kind: JointKind | None = None if read is None else self.limits[read].kind
+        joint_kind: JointKind | None = None if source_joint is None else self.limits[source_joint].kind
         unit, key = unit_for(self.metadata.units, kind, ours)
         factor, offset = conversion(kind, joint_kind, unit, key)
         times = 1.0 if joint is None else self.arrangement.factor(kind, joint)
@@ -224,8 +228,8 @@ class _Finder:
 
     def has_no_torque(self, joint: int) -> bool:
         """Tell whether the user says that the torque of a joint was not recorded."""
-        read = self.arrangement.read("tau", joint)
-        ours = (f"tau_{self.joint_names[read]}", f"tau{read + 1}")
+        source_joint = self.arrangement.read("tau", joint)
+        ours = (f"tau_{self.joint_names[source_joint]}", f"tau{source_joint + 1}")
         return self._source(ours) == NOT_RECORDED and NOT_RECORDED not in self.names
 
     def needed(self, kind: str, joint: int | None) -> Column:
@@ -248,9 +252,9 @@ class _Finder:
 
     def find_all(self, kind: str) -> tuple[Column, ...]:
         """Find an optional signal of every joint; nothing if one joint lacks it."""
-        found = [self.find(kind, joint) for joint in range(len(self.joint_names))]
-        present = tuple(column for column in found if column is not None)
-        return present if len(present) == len(found) else ()
+        columns = [self.find(kind, joint) for joint in range(len(self.joint_names))]
+        present = tuple(column for column in columns if column is not None)
+        return present if len(present) == len(columns) else ()
 
     def find_wrench(self) -> tuple[Column, ...]:
         """Find the six columns of the base's wrench; nothing where there is none of them.
@@ -270,19 +274,19 @@ class _Finder:
                 pointer=f"/columns/{absent[0]}",
                 title="Missing column",
             )
-        found = []
+        columns = []
         for name, source in zip(WRENCH_NAMES, sources, strict=True):
             assert source is not None
             kind = "base_force" if name.startswith("base_f") else "base_moment"
             unit, key = unit_for(self.metadata.units, kind, (name,))
-            found.append(Column(source, *conversion(kind, None, unit, key)))
-        return tuple(found)
+            columns.append(Column(source, *conversion(kind, None, unit, key)))
+        return tuple(columns)
 
     def missing(self, kind: str, joint: int | None, instead: str = "") -> RecordingError:
         """Say which column is missing and what the file holds."""
-        wanted = kind if joint is None else _or(kind, self.joint_names[joint], joint)
+        expected = kind if joint is None else _or(kind, self.joint_names[joint], joint)
         whose = "" if joint is None else f" of joint {self.joint_names[joint]}"
-        shown = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
+        available = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
         hint = ""
         if kind == "t":
             hint = ' Where the file has no time, say "rate": … in Hz.'
@@ -293,7 +297,7 @@ class _Finder:
         elif f"{kind}0" in self.names:
             hint = f" Joints are counted from 1 here, and the file has {kind}0: map them with columns."
         return RecordingError(
-            f"No column {wanted} for {kind}{whose}{instead}. The file holds: {shown}. Name it by columns, "
+            f"No column {expected} for {kind}{whose}{instead}. The file holds: {available}. Name it by columns, "
             f'{{"{kind if joint is None else kind + str(joint + 1)}": "…"}}'
             + ("." if joint is None else self._without(kind, joint))
             + hint,
@@ -307,8 +311,8 @@ class _Finder:
         others = (self.find(other, k) for other in ("tau", "current") for k in range(len(self.joint_names)))
         if kind != "tau" or not any(others):
             return lock
-        said = f'"columns": {{"tau{joint + 1}": "{NOT_RECORDED}"}}'
-        return f"{lock} If its torque was not recorded, say {said}: its motion is used."
+        mapping = f'"columns": {{"tau{joint + 1}": "{NOT_RECORDED}"}}'
+        return f"{lock} If its torque was not recorded, say {mapping}: its motion is used."
 
     def _source(self, ours: tuple[str, ...]) -> str | None:
         for name in ours:
@@ -321,12 +325,12 @@ class _Finder:
         return next((folded[name.casefold()] for name in ours if name.casefold() in folded), None)
 
     def _check_mapping(self) -> None:
-        known = {"t", "segment", *WRENCH_NAMES}
+        our_names = {"t", "segment", *WRENCH_NAMES}
         for kind in JOINT_KINDS:
-            known |= {f"{kind}_{name}" for name in self.joint_names}
-            known |= {f"{kind}{joint + 1}" for joint in range(len(self.joint_names))}
+            our_names |= {f"{kind}_{name}" for name in self.joint_names}
+            our_names |= {f"{kind}{joint + 1}" for joint in range(len(self.joint_names))}
         for ours, theirs in self.metadata.columns.items():
-            if ours not in known:
+            if ours not in our_names:
                 raise RecordingError(
                     f"columns maps {ours!r}, which is no column of ours; ours are t, segment, and q, q_command, dq, "
                     f"ddq, tau, current, temperature with a joint's number (q1) or name (q_{self.joint_names[0]}), and "
@@ -342,7 +346,7 @@ class _Finder:
                     title="Missing column",
                 )
         for key in self.metadata.units:
-            if key not in KINDS and key not in known:
+            if key not in KINDS and key not in our_names:
                 raise RecordingError(
                     f"units names {key!r}, which is neither a kind of signal ({', '.join(KINDS)}) nor a column of "
                     "ours (q1, q_<joint>, …).",

@@ -35,5 +35,5 @@ def sole_mover(dq: FloatArray, ddq: FloatArray) -> IntArray:
     others[rows, first] = 0.0
     alone = others.max(axis=1, initial=0.0) <= np.maximum(_STILL, _STILL_SHARE * fastest)
     steady = np.abs(ddq[rows, first]) * _DOUBLING <= fastest
-    found: BoolArray = alone & steady & (fastest >= _SLOWEST)
-    return np.where(found, first, -1).astype(np.int64)
+    is_sole: BoolArray = alone & steady & (fastest >= _SLOWEST)
+    return np.where(is_sole, first, -1).astype(np.int64)

@@ -139,7 +139,7 @@ def _header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     if sum(map(bool, names)) - len({name for name in names if name}) > 1 and rows < len(lines):
         # Names in two lines: of the signal, which is repeated, and of the joint.
         second = _fields(lines[rows], delimiter)
-        if len(second) == len(names) and all(one.isdigit() or not _is_number(one) for one in second):
+        if len(second) == len(names) and all(cell.isdigit() or not _is_number(cell) for cell in second):
             both = tuple("_".join(part for part in pair if part) for pair in zip(names, second, strict=True))
             if len(set(both)) == len(both):
                 names, rows = both, rows + 1
@@ -147,8 +147,8 @@ def _header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
                     rows += 1
     units = _units(lines, rows, delimiter, names)
     rows += bool(units)
-    fields = [one for line in lines[rows : rows + 20] if line.strip() for one in _fields(line, delimiter)]
-    comma = delimiter != "," and any("," in one and _NUMBER.match(one) for one in fields)
+    fields = [cell for line in lines[rows : rows + 20] if line.strip() for cell in _fields(line, delimiter)]
+    comma = delimiter != "," and any("," in cell and _NUMBER.match(cell) for cell in fields)
     return delimiter, comma, _Header(names, rows, units)
 
 
@@ -178,21 +178,22 @@ def _most(text: str) -> str:
 
 def _fields(line: str, delimiter: str) -> list[str]:
     if '"' in line:
-        return [one.strip().strip('"').strip() for one in next(csv.reader([line.strip()], delimiter=delimiter), [""])]
-    return [one.strip() for one in line.split(delimiter)]
+        return [cell.strip().strip('"').strip() for cell in next(csv.reader([line.strip()], delimiter=delimiter), [""])]
+    return [cell.strip() for cell in line.split(delimiter)]
 
 
 def _name(field: str) -> str:
     """Give a column's name; one of several parts, ('q', 1), is written as q_1."""
     if not _TUPLE.match(field) or "," not in field:
         return field
-    return "_".join(part for one in field[1:-1].split(",") if (part := one.strip(" '\"")))
+    return "_".join(part for part_text in field[1:-1].split(",") if (part := part_text.strip(" '\"")))
 
 
 def _is_data(text: str) -> bool:
     """Whether a line holds numbers and nothing else."""
     return any(
-        any(fields := [one for one in _fields(text, delimiter) if one]) and all(_NUMBER.match(one) for one in fields)
+        any(fields := [cell for cell in _fields(text, delimiter) if cell])
+        and all(_NUMBER.match(cell) for cell in fields)
         for delimiter in ";\t| ,"
     )
 
@@ -236,10 +237,10 @@ def _below_titles(lines: list[str], header: int) -> int:
         return header
     # Rows may have empty cells: names are a line without a number.
     whole = (number for number in range(header + 1, len(lines)) if is_whole(lines[number]))
-    found = next(whole, None)
-    if found is None or any(_NUMBER.match(one) for one in _fields(lines[found], delimiter)):
+    names_line = next(whole, None)
+    if names_line is None or any(_NUMBER.match(cell) for cell in _fields(lines[names_line], delimiter)):
         return header
-    return found
+    return names_line
 
 
 def _is_aligned(lines: list[str]) -> bool:
@@ -274,10 +275,10 @@ def _names_of_messages(lines: Sequence[str], delimiter: str) -> tuple[str, ...] 
     rows = [_fields(line, delimiter) for line in lines[:2]]
     if len(rows) < 2 or len(rows[0]) != len(rows[1]):
         return None
-    words = [[None if _is_number(one) else one for one in row] for row in rows]
+    words = [[None if _is_number(cell) else cell for cell in row] for row in rows]
     if words[0] != words[1] or sum(map(bool, words[0])) * 2 > len(words[0]):
         return None
-    places = [place for place, one in enumerate(words[0]) if one]
+    places = [place for place, cell in enumerate(words[0]) if cell]
     if not places or places != list(range(places[0], places[-1] + 1)):
         return None
     # The frame stands before the joints' names: a word of its own, or an empty cell.
@@ -311,12 +312,12 @@ def _names_of_lists(header: _Header, original: Sequence[str], delimiter: str) ->
 
 def _texts(rows: Sequence[Sequence[str]], names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Give the first cells of columns most of whose cells are words."""
-    found = {}
+    texts = {}
     for name, cells in zip(names, zip(*rows, strict=True), strict=False):
         words = sum(1 for cell in cells if cell and not _is_number(cell))
         if 2 * words > sum(map(bool, cells)):
-            found[name] = tuple(cells)
-    return found
+            texts[name] = tuple(cells)
+    return texts
 
 
 def _units(lines: list[str], number: int, delimiter: str, names: tuple[str, ...]) -> dict[str, str]:
@@ -324,8 +325,8 @@ def _units(lines: list[str], number: int, delimiter: str, names: tuple[str, ...]
     if number + 1 >= len(lines) or not _is_data(lines[number + 1]) or _is_data(lines[number]):
         return {}
     fields = _fields(lines[number].lstrip("#% "), delimiter)
-    if len(fields) != len(names) or not all(_UNIT.match(one) for one in fields):
+    if len(fields) != len(names) or not all(_UNIT.match(cell) for cell in fields):
         return {}
-    if any(one and _is_number(one) for one in fields):
+    if any(cell and _is_number(cell) for cell in fields):
         return {}
-    return {name: one.strip("[]() ") for name, one in zip(names, fields, strict=True) if one.strip("[]() -")}
+    return {name: cell.strip("[]() ") for name, cell in zip(names, fields, strict=True) if cell.strip("[]() -")}

@@ -114,15 +114,18 @@ def gather(recording: Recording) -> Evidence | None:
 def direction(evidence: Evidence, joint: int) -> Direction:
     """Tell whether a joint's torque goes with its motion or against it; (0, 0) where it moves too little to tell."""
     n = evidence.tau.shape[1]
-    told = ~evidence.held[:, joint]
-    if told.sum() < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
+    moving_rows = ~evidence.held[:, joint]
+    if moving_rows.sum() < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
         return Direction(0.0, 0.0)
     own = evidence.smooth.shape[1] - n + joint
-    friction, smooth = evidence.friction[told, joint], evidence.smooth[told]
+    friction, smooth = evidence.friction[moving_rows, joint], evidence.smooth[moving_rows]
     others = orthonormal(np.delete(smooth, own, axis=1))
     columns = np.column_stack([others, smooth[:, own], friction])
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    weights = [w / scale for w in _jackknife(columns / scale, evidence.tau[told, joint], _blocks(int(told.sum())))]
+    weights = [
+        w / scale
+        for w in _jackknife(columns / scale, evidence.tau[moving_rows, joint], _blocks(int(moving_rows.sum())))
+    ]
     power = [float(np.mean(friction[:, 0] * (friction @ w[-3:]))) for w in weights]
     inertia = [float(w[-4]) for w in weights]
     return Direction(_over_error(power), _over_error(inertia))
@@ -137,14 +140,14 @@ def ownership(evidence: Evidence) -> FloatArray:
     n = evidence.tau.shape[1]
     shares = np.zeros((n, n))
     basis = orthonormal(evidence.smooth)
-    rest = evidence.tau - basis @ (basis.T @ evidence.tau)
+    unexplained = evidence.tau - basis @ (basis.T @ evidence.tau)
     variance = np.maximum(((evidence.tau - evidence.tau.mean(axis=0)) ** 2).sum(axis=0), 1e-300)
     for j in np.flatnonzero(evidence.moving):
         own = evidence.friction[:, j, :2]
-        left = own - basis @ (basis.T @ own)
-        weights = np.linalg.lstsq(left, rest, rcond=1e-9)[0]
+        own_friction = own - basis @ (basis.T @ own)
+        weights = np.linalg.lstsq(own_friction, unexplained, rcond=1e-9)[0]
         dissipates = own[:, 0] @ (own @ weights) > 0.0
-        shares[:, j] = np.where(dissipates, ((left @ weights) ** 2).sum(axis=0) / variance, 0.0)
+        shares[:, j] = np.where(dissipates, ((own_friction @ weights) ** 2).sum(axis=0) / variance, 0.0)
     return shares
 
 
@@ -158,17 +161,17 @@ def lag(evidence: Evidence, *, steady_only: bool) -> Lag | None:
     curves = np.zeros((BLOCKS, len(shifts)))
     n_counting = 0
     for joint in np.flatnonzero(evidence.moving):
-        chosen = evidence.steady[:, joint] if steady_only else np.ones(len(evidence.tau), dtype=bool)
-        if chosen.sum() < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
+        rows = evidence.steady[:, joint] if steady_only else np.ones(len(evidence.tau), dtype=bool)
+        if rows.sum() < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
             continue
-        columns = orthonormal(np.column_stack([evidence.smooth, evidence.friction[:, joint]])[chosen])
-        shifted = _at_shifts(evidence, int(joint), shifts)[chosen]
+        columns = orthonormal(np.column_stack([evidence.smooth, evidence.friction[:, joint]])[rows])
+        shifted = _at_shifts(evidence, int(joint), shifts)[rows]
         residual = shifted - columns @ (columns.T @ shifted)
         spread = shifted - shifted.mean(axis=0)
         if (residual**2).sum(axis=0).min() > (1.0 - EXPLAINED) * (spread**2).sum(axis=0).mean():
             continue
         errors = np.zeros_like(curves)
-        np.add.at(errors, evidence.block[chosen], residual**2)
+        np.add.at(errors, evidence.block[rows], residual**2)
         # Every joint counts in units of its own noise.
         n_counting += 1
         curves += errors / max(float(errors.sum(axis=0).min()), 1e-300)
@@ -177,9 +180,9 @@ def lag(evidence: Evidence, *, steady_only: bool) -> Lag | None:
     # One joint alone may be late by its presliding; a log that is late is so for all.
     if n_counting < 2 or at in (0, len(shifts) - 1):
         return None
-    found = [_minimum(total - curves[block], shifts) for block in range(BLOCKS)]
+    minima = [_minimum(total - curves[block], shifts) for block in range(BLOCKS)]
     gain = 1.0 - float(total.min()) / max(float(total[len(shifts) // 2]), 1e-300)
-    return Lag(_minimum(total, shifts), _jackknife_error(found), gain)
+    return Lag(_minimum(total, shifts), _jackknife_error(minima), gain)
 
 
 def orthonormal(columns: FloatArray) -> FloatArray:
@@ -187,9 +190,9 @@ def orthonormal(columns: FloatArray) -> FloatArray:
     norms = np.linalg.norm(columns, axis=0)
     scaled = columns / np.where(norms > 0, norms, 1.0)
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    kept = values > _RANK * values[-1]
+    is_kept = values > _RANK * values[-1]
     # Once more by QR: the Gram matrix squares the condition number.
-    basis: FloatArray = np.linalg.qr(scaled @ (vectors[:, kept] / np.sqrt(values[kept])))[0]
+    basis: FloatArray = np.linalg.qr(scaled @ (vectors[:, is_kept] / np.sqrt(values[is_kept])))[0]
     return basis
 
 
@@ -264,9 +267,9 @@ def _filtered(
 
 
 def _arranged(runs: list[FilteredRows], n: int, moving: BoolArray, resolution: float) -> Evidence:
-    kept = [run.used & (run.t >= run.t[0] + SPAN) & (run.t <= run.t[-1] - SPAN) for run in runs]
-    values = np.concatenate([run.values[keep] for run, keep in zip(runs, kept, strict=True)])
-    series = [Shiftable(CubicSpline(r.t, r.values[:, -n:]), r.t[keep]) for r, keep in zip(runs, kept, strict=True)]
+    inside = [run.used & (run.t >= run.t[0] + SPAN) & (run.t <= run.t[-1] - SPAN) for run in runs]
+    values = np.concatenate([run.values[keep] for run, keep in zip(runs, inside, strict=True)])
+    series = [Shiftable(CubicSpline(r.t, r.values[:, -n:]), r.t[keep]) for r, keep in zip(runs, inside, strict=True)]
     borders = values.shape[1] - n * np.array([6, 5, 4, 3, 2, 1])
     smooth, speed, rounded, sign, reversal, rests, tau = np.split(values, borders, axis=1)
     return Evidence(
@@ -331,7 +334,7 @@ def _jackknife_error(values: list[float]) -> float:
 def _minimum(curve: FloatArray, at: FloatArray) -> float:
     """Find the lowest point of a sampled curve by a parabola."""
     index = int(np.clip(curve.argmin(), 1, len(curve) - 2))
-    left, middle, right = curve[index - 1 : index + 2]
-    bend = left - 2.0 * middle + right
-    offset = 0.5 * (left - right) / bend if bend > 0 else 0.0
+    before, middle, after = curve[index - 1 : index + 2]
+    bend = before - 2.0 * middle + after
+    offset = 0.5 * (before - after) / bend if bend > 0 else 0.0
     return float(at[index] + (at[1] - at[0]) * np.clip(offset, -1.0, 1.0))

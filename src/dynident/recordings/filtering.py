@@ -202,17 +202,17 @@ def _join(parts: list[StoredRows]) -> StoredRows:
 
 def _take(passing: deque[StoredRows], count: int) -> StoredRows:
     """Take the oldest `count` rows out of `passing`."""
-    taken: list[StoredRows] = []
+    parts: list[StoredRows] = []
     while count:
         rows = passing.popleft()
         if len(rows.q) > count:
             passing.appendleft(_cut(rows, slice(count, None)))
             rows = _cut(rows, slice(0, count))
-        taken.append(rows)
+        parts.append(rows)
         count -= len(rows.q)
-    return _join(taken)
+    return _join(parts)
 
 
 def _cut(rows: StoredRows, part: slice) -> StoredRows:
-    rest = (None if values is None else values[part] for values in (rows.temperature, rows.wrench, rows.command))
-    return StoredRows(rows.q[part], rows.tau[part], *rest)
+    optional = (None if values is None else values[part] for values in (rows.temperature, rows.wrench, rows.command))
+    return StoredRows(rows.q[part], rows.tau[part], *optional)

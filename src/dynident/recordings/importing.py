@@ -85,13 +85,19 @@ def import_recording(
         temporary = Path(unfinished.name)
     try:
         base = scan_time(source, layout, metadata.windows, part(progress, 0.0, 0.2))
-        used = windows_without(metadata.windows, metadata.exclude, base.first, base.last)
+        windows = windows_without(metadata.windows, metadata.exclude, base.first, base.last)
         poses = read_poses(source, layout, base)
         with ParquetSink(temporary, joint_names, layout.kinds) as sink:
             conditioning = Conditioning(layout, joints.known_limits, base, metadata.skip)
             if poses is None:
                 segments, sample = _convert(
-                    source, layout, base, replace(metadata, windows=used), sink, part(progress, 0.2, 0.8), conditioning
+                    source,
+                    layout,
+                    base,
+                    replace(metadata, windows=windows),
+                    sink,
+                    part(progress, 0.2, 0.8),
+                    conditioning,
                 )
             else:
                 segments = write_poses(poses, sink)
@@ -101,7 +107,7 @@ def import_recording(
                 sampling_rate=1.0 / base.period,
                 segments=segments,
                 source=_stored(temporary, joint_names, layout),
-                windows=used,
+                windows=windows,
                 role=metadata.role if poses is None else POSES,
                 payload=metadata.payload,
                 has_temperature=bool(layout.temperature),
@@ -112,17 +118,17 @@ def import_recording(
             )
             sink.describe(recording)
         surplus = surplus_columns(file.names, joints.n, metadata)
-        found = [
+        findings = [
             torque_source,
             *(Check("layout", "ok", remark) for remark in file.remarks),
             *([] if surplus is None else [surplus]),
             *torques_not_recorded(layout, joint_names),
         ]
         if poses is None:
-            found += [*time_checks(base, layout.t.source), *source.checks(layout.t.source), *conditioning.checks()]
-            checks = run_checks(recording, sample, layout, joints.known_limits, tuple(found), metadata, against)
+            findings += [*time_checks(base, layout.t.source), *source.checks(layout.t.source), *conditioning.checks()]
+            checks = run_checks(recording, sample, layout, joints.known_limits, tuple(findings), metadata, against)
         else:
-            checks = (*found, *pose_checks(poses, base))
+            checks = (*findings, *pose_checks(poses, base))
         progress(1.0, "stored")
         os.replace(temporary, destination)
     except BaseException:
@@ -202,13 +208,13 @@ def recording_from_arrays(
     values = sink.values()
     q, tau = (values[:, layout.place(kind)] for kind in ("q", "tau"))
     optional = ((kind, getattr(layout, kind)) for kind in ("temperature", "wrench", "q_command"))
-    rest = (values[:, layout.place(kind)] if columns else None for kind, columns in optional)
+    further_values = (values[:, layout.place(kind)] if columns else None for kind, columns in optional)
     return Recording(
         name=name,
         joint_names=tuple(joint_names),
         sampling_rate=1.0 / base.period,
         segments=segments,
-        source=ArraySource(q, tau, *rest),
+        source=ArraySource(q, tau, *further_values),
         windows=windows,
         role=None if poses is None else POSES,
         has_temperature=further.temperature is not None,
@@ -320,8 +326,8 @@ class _Arrays:
                 f"wrench has shape {further.wrench.shape}; {(len(self.t), 6)} is needed.", pointer="wrench"
             )
         shape = (len(self.t), len(self.joint_names))
-        given = {"q": self.q, "tau": self.tau, "temperature": further.temperature, "command": further.command}
-        for name, values in given.items():
+        arrays = {"q": self.q, "tau": self.tau, "temperature": further.temperature, "command": further.command}
+        for name, values in arrays.items():
             if values is not None and values.shape != shape:
                 raise RecordingError(f"{name} has shape {values.shape}; {shape} is needed.", pointer=name)
 

@@ -42,8 +42,8 @@ class Series:
     def add(self, times: FloatArray, names: Sequence[str], values: FloatArray) -> None:
         """Append samples: times (m,), and values (m, c) of the named columns; others are ignored."""
         rows = np.full((len(times), len(self.names)), np.nan)
-        known = [index for index, name in enumerate(names) if name in self._places]
-        rows[:, [self._places[names[index]] for index in known]] = values[:, known]
+        positions = [index for index, name in enumerate(names) if name in self._places]
+        rows[:, [self._places[names[index]] for index in positions]] = values[:, positions]
         self._times = np.concatenate([self._times, times])
         self._rows = np.concatenate([self._rows, rows])
 
@@ -117,13 +117,13 @@ class TimeJoin:
         """Give the rows that every series has reached, or all where these are the last, and forget them."""
         main = self._series[self._main]
         is_stalled = len(main) >= _PATIENCE * self._block_samples
-        latest = [one.latest for one in self._series.values() if len(one)]
+        latest = [other.latest for other in self._series.values() if len(other)]
         until = np.inf if last or is_stalled or not latest else min(latest)
         times, rows = main.take(until)
         values = {self._main: rows}
-        for name, one in self._series.items():
-            if one is not main:
-                values[name] = one.read_at(times)
+        for name, other in self._series.items():
+            if other is not main:
+                values[name] = other.read_at(times)
                 if len(times):
-                    one.forget(float(times[-1]))
+                    other.forget(float(times[-1]))
         return JoinedRows(times, values)

@@ -46,8 +46,8 @@ def places_of(path: Path, lists: Mapping[str, int]) -> dict[str, tuple[str, ...]
 
     A data set of LeRobot says in `meta/info.json` what stands in the lists of its files.
     """
-    stated = _stated(path)
-    return {name: stated.get((name, length)) or counted_names(name, length) for name, length in lists.items()}
+    names = _stated(path)
+    return {name: names.get((name, length)) or counted_names(name, length) for name, length in lists.items()}
 
 
 def spread_names(schema: pa.Schema, lists: Mapping[str, tuple[str, ...]]) -> list[str]:
@@ -57,7 +57,7 @@ def spread_names(schema: pa.Schema, lists: Mapping[str, tuple[str, ...]]) -> lis
 
 def stored_name(name: str, lists: Mapping[str, tuple[str, ...]]) -> str:
     """The column of the file that a column is in."""
-    return next((one for one, names in lists.items() if name in names), name)
+    return next((column for column, names in lists.items() if name in names), name)
 
 
 def spread(batch: pa.RecordBatch, columns: list[str], lists: Mapping[str, tuple[str, ...]]) -> pa.RecordBatch:
@@ -86,7 +86,9 @@ def counted_names(name: str, length: int) -> tuple[str, ...]:
 
 def _stated(path: Path) -> dict[tuple[str, int], tuple[str, ...]]:
     """The columns of a data set's lists, by their name and length; nothing where the file lies in none."""
-    about = next((one for folder in path.absolute().parents[:_DEEPEST] if (one := folder / _ABOUT).is_file()), None)
+    about = next(
+        (candidate for folder in path.absolute().parents[:_DEEPEST] if (candidate := folder / _ABOUT).is_file()), None
+    )
     try:
         features = json.loads(about.read_text(encoding="utf-8"))["features"] if about is not None else {}
         named = {name: _flat(feature.get("names")) for name, feature in features.items()}

@@ -57,8 +57,8 @@ def readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:
             f"{path!r} is no path; give the files one by one, read_recordings(*paths, robot=robot), and as a tuple "
             "those that are one recording"
         )
-    found = Path(JOINT.join(map(str, several)))
-    for part in parts_of(found):
+    joined = Path(JOINT.join(map(str, several)))
+    for part in parts_of(joined):
         if not part.is_file():
             raise DynidentError(f"there is no file {part}", pointer=str(part), title="No such file")
-    return found
+    return joined

@@ -86,13 +86,13 @@ class ParallelFilter:
         """
         if not (len(values) == len(t) == len(used)):
             raise ValueError(f"{len(values)} rows of values, {len(t)} times, {len(used)} marks: they have to agree")
-        rest = self.flush() if starts_segment and self._rows is not None else None
+        remaining = self.flush() if starts_segment and self._rows is not None else None
         self._shape = values.shape[1:]
         rows = np.ascontiguousarray(values, dtype=np.float64).reshape(len(values), prod(self._shape))
-        given = self._advance(rows, t, used)
-        if rest is None or not len(rest.t):
-            return given
-        return FilteredRows(*(np.concatenate(pair) for pair in zip(rest, given, strict=True)))
+        filtered = self._advance(rows, t, used)
+        if remaining is None or not len(remaining.t):
+            return filtered
+        return FilteredRows(*(np.concatenate(pair) for pair in zip(remaining, filtered, strict=True)))
 
     def flush(self) -> FilteredRows:
         """End the segment: give the output rows whose window lies inside it and that are not yet given."""
@@ -130,14 +130,14 @@ class ParallelFilter:
         all_t = np.concatenate([self._t, t])
         all_used = np.concatenate([self._used, used])
         out_t, out_used = self._marks(all_t, all_used, n_tiles * self._tile)
-        taken = n_tiles * step
-        if taken >= n_kept:
-            self._rows = rows[taken - n_kept :].copy()
+        n_consumed = n_tiles * step
+        if n_consumed >= n_kept:
+            self._rows = rows[n_consumed - n_kept :].copy()
         else:
-            self._rows = np.concatenate([self._rows[taken:], rows])
-        self._t, self._used = all_t[taken:], all_used[taken:]
+            self._rows = np.concatenate([self._rows[n_consumed:], rows])
+        self._t, self._used = all_t[n_consumed:], all_used[n_consumed:]
         # Decimation by more than the window's span: rows that no window covers are yet to come.
-        self._skip += max(0, taken - n_all)
+        self._skip += max(0, n_consumed - n_all)
         return self._given(values, out_t, out_used)
 
     def _multiply(self, rows: FloatArray, n_tiles: int, out: FloatArray) -> None:

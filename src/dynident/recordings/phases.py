@@ -114,12 +114,12 @@ class Phases:
 
         Where a joint sticks at some of its turns, it may stick unseen, for a moment, at the others.
         """
-        found = []
+        turns_freely = []
         for joint in zip(*self.halts, strict=True):
             turns = np.concatenate([halts.turns for halts in joint])
             sticks = np.concatenate([halts.sticks for halts in joint])[turns]
-            found.append(len(sticks) > 0 and float(sticks.mean()) <= _SELDOM)
-        return np.array(found, dtype=bool)
+            turns_freely.append(len(sticks) > 0 and float(sticks.mean()) <= _SELDOM)
+        return np.array(turns_freely, dtype=bool)
 
     def at(self, segment: int, t: FloatArray, width: float, after: float = 0.0) -> PhaseArray:
         """(m, n): the phase of every joint at times t (m,) of a segment.
@@ -182,8 +182,8 @@ def phase_shares(recording: Recording) -> PhaseShares:
             samples = np.arange(first, min(first + _COUNTED, segment.length), dtype=np.float64)
             t: FloatArray = segment.start_time + samples * recording.period
             t = t[recording.inside_windows(t)]
-            found = phases.at(k, t, width)
-            counts += np.array([(found == phase).sum(axis=0) for phase in Phase])
+            phase_rows = phases.at(k, t, width)
+            counts += np.array([(phase_rows == phase).sum(axis=0) for phase in Phase])
             total += len(t)
     shares = counts / max(total, 1)
     return PhaseShares(shares[Phase.STANDING], shares[Phase.REVERSING])
@@ -257,8 +257,8 @@ def _path(sample: FloatArray, count: int, travel: float, rms: float, rate: float
         return _Path(False, 1, 0.5 * rate, SLOW)
     slow = min(SLOW, SLOW_SHARE * rms)
     uncertain = np.sqrt(2.0) * _DEVIATIONS * _resolution(sample)
-    wanted = max(uncertain / max(slow, 1e-12), _SHORTEST_STEP)
-    reach = min(max(1, ceil(0.5 * rate * min(wanted, _LONGEST_STEP))), (count - 1) // 2)
+    needed = max(uncertain / max(slow, 1e-12), _SHORTEST_STEP)
+    reach = min(max(1, ceil(0.5 * rate * min(needed, _LONGEST_STEP))), (count - 1) // 2)
     return _Path(True, reach, rate / (2 * reach), max(slow, uncertain * rate / (2 * reach)))
 
 

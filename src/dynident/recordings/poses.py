@@ -57,8 +57,8 @@ def read_poses(source: RawSource, layout: Layout, base: TimeBase) -> RawRows | N
     t, segment, values = (
         np.concatenate([getattr(block, name) for block in blocks]) for name in ("t", "segment", "values")
     )
-    kept = np.all(are_readings(values[:, layout.needed]), axis=1)
-    rows = RawRows(0, t[kept], segment[kept], values[kept])
+    is_complete = np.all(are_readings(values[:, layout.needed]), axis=1)
+    rows = RawRows(0, t[is_complete], segment[is_complete], values[is_complete])
     return rows if jump_from_row_to_row(rows.values[:, layout.place("q")]) else None
 
 
@@ -83,12 +83,12 @@ def pose_rows(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]
 def pose_checks(rows: RawRows, base: TimeBase) -> tuple[Check, ...]:
     """Say what kind of recording it is, and how many rows held no numbers."""
     lost = base.n_rows - len(rows.t)
-    told = f" {lost} rows hold no numbers and are left out." if lost else ""
+    remark = f" {lost} rows hold no numbers and are left out." if lost else ""
     return (
         Check(
             "poses",
             "warning" if lost else "ok",
             f"{len(rows.t)} poses at rest, a row each, {base.typical:.3g} s apart: gravity and constant torques can be "
-            f"identified from them, and nothing of the dynamics.{told}",
+            f"identified from them, and nothing of the dynamics.{remark}",
         ),
     )

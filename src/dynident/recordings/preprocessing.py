@@ -64,7 +64,7 @@ class Preprocessing:
             )
 
 
-FIELDS = tuple(one.name for one in fields(PreprocessingChoices))
+FIELDS = tuple(field.name for field in fields(PreprocessingChoices))
 
 
 def values_from_request(request: object) -> dict[str, float | int | None]:

@@ -72,9 +72,9 @@ class FileSource:
         yield from self._read(layout, tuple(column.source for column in layout.columns))
 
     def _read(self, layout: Layout, columns: tuple[str, ...]) -> Iterator[RawRows]:
-        wanted = [layout.t.source, *([layout.segment.source] if layout.segment else []), *columns]
+        sources = [layout.t.source, *([layout.segment.source] if layout.segment else []), *columns]
         first = 0
-        for batch in self._batches(list(dict.fromkeys(wanted))):
+        for batch in self._batches(list(dict.fromkeys(sources))):
             t = layout.t.convert(floats_of(batch, layout.t.source, first))
             segment = np.zeros(len(t), dtype=np.int64)
             if layout.segment is not None:

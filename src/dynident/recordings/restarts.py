@@ -82,7 +82,7 @@ class RestartingSource:
                 column,
                 row,
                 time,
-                rows={column: tuple(one[0] for one in restarts)},
+                rows={column: tuple(restart[0] for restart in restarts)},
             )
         ]
 

@@ -23,26 +23,27 @@ def cured(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Seq
     )
 
 
-def after(found: Revision, metadata: RecordingMetadata, joint_names: Sequence[str]) -> Revision:
+def after(revision: Revision, metadata: RecordingMetadata, joint_names: Sequence[str]) -> Revision:
     """A revision that was found on the recording as it was read, as one of its file."""
     before = Rearrangement(metadata, joint_names)
     n = before.n
     permutation = {
-        kind: tuple(before.read(kind, column - 1) + 1 for column in order) for kind, order in found.permutation.items()
+        kind: tuple(before.read(kind, column - 1) + 1 for column in order)
+        for kind, order in revision.permutation.items()
     }
     signs: dict[str, float] = {}
     scale: dict[str, float] = {}
     for kind in get_args(Axis):
-        order = found.permutation.get(kind, tuple(range(1, n + 1)))
-        for said, new, changed in ((before.sign, found.signs, signs), (before.scale, found.scale, scale)):
+        order = revision.permutation.get(kind, tuple(range(1, n + 1)))
+        for stated, new, changed in ((before.sign, revision.signs, signs), (before.scale, revision.scale, scale)):
             for joint, column in enumerate(order):
                 # A sign goes with its column to the joint that reads it from now on.
-                value = new.get(f"{kind}{joint + 1}", 1.0) * said(kind, column - 1)
-                if value != said(kind, joint):
+                value = new.get(f"{kind}{joint + 1}", 1.0) * stated(kind, column - 1)
+                if value != stated(kind, joint):
                     changed[f"{kind}{joint + 1}"] = value
-    delay = None if found.torque_delay is None else metadata.torque_delay + found.torque_delay
-    exclude = None if found.exclude is None else (*metadata.exclude, *found.exclude)
-    return replace(found, permutation=permutation, signs=signs, scale=scale, torque_delay=delay, exclude=exclude)
+    delay = None if revision.torque_delay is None else metadata.torque_delay + revision.torque_delay
+    exclude = None if revision.exclude is None else (*metadata.exclude, *revision.exclude)
+    return replace(revision, permutation=permutation, signs=signs, scale=scale, torque_delay=delay, exclude=exclude)
 
 
 def windows_without(windows: Windows, exclude: Windows, first: float, last: float) -> Windows:
@@ -53,19 +54,19 @@ def windows_without(windows: Windows, exclude: Windows, first: float, last: floa
     RecordingError
         Where nothing is left.
     """
-    left = [(float(start), float(end)) for start, end in (windows or ((first, last),))]
+    remaining = [(float(start), float(end)) for start, end in (windows or ((first, last),))]
     if not exclude:
         return windows
     for start, end in exclude:
-        parts = [((a, min(b, start)), (max(a, end), b)) for a, b in left]
-        left = [part for pair in parts for part in pair if part[1] > part[0]]
-    if not left:
+        parts = [((a, min(b, start)), (max(a, end), b)) for a, b in remaining]
+        remaining = [part for pair in parts for part in pair if part[1] > part[0]]
+    if not remaining:
         raise RecordingError(
             f"exclude leaves nothing of the recording, which runs from {first:.6g} to {last:.6g} s.",
             pointer="/exclude",
             title="Empty window",
         )
-    return tuple(left)
+    return tuple(remaining)
 
 
 class Rearrangement:
@@ -100,9 +101,9 @@ class Rearrangement:
         """The factor of a joint's position or torque."""
         return self._said(self._metadata.scale, group, joint)
 
-    def _said(self, given: Mapping[str, float], group: str, joint: int) -> float:
+    def _said(self, values: Mapping[str, float], group: str, joint: int) -> float:
         keys = (f"{group}{joint + 1}", f"{group}_{self._names[joint]}", group)
-        return float(next((given[key] for key in keys if key in given), 1.0))
+        return float(next((values[key] for key in keys if key in values), 1.0))
 
     def _check(self) -> None:
         n, metadata = len(self._names), self._metadata
@@ -115,10 +116,10 @@ class Rearrangement:
                     title="Unusable order",
                 )
         endings = ["", *(str(joint + 1) for joint in range(n)), *(f"_{name}" for name in self._names)]
-        known = {f"{kind}{ending}" for kind in ("q", "tau") for ending in endings}
-        for field_name, given in (("signs", metadata.signs), ("scale", metadata.scale)):
-            for key, value in given.items():
-                if key not in known:
+        known_keys = {f"{kind}{ending}" for kind in ("q", "tau") for ending in endings}
+        for field_name, values in (("signs", metadata.signs), ("scale", metadata.scale)):
+            for key, value in values.items():
+                if key not in known_keys:
                     raise RecordingError(
                         f"{field_name} names {key!r}; name q, tau, or one joint's: tau2, tau_{self._names[0]}.",
                         pointer=f"/{field_name}/{key}",
@@ -126,9 +127,9 @@ class Rearrangement:
                     )
                 right = abs(value) == 1.0 if field_name == "signs" else np.isfinite(value) and value > 0.0
                 if not right:
-                    wanted = "1 or -1" if field_name == "signs" else "a number above 0"
+                    expected = "1 or -1" if field_name == "signs" else "a number above 0"
                     raise RecordingError(
-                        f"{field_name} of {key} is {value}; give {wanted}.", pointer=f"/{field_name}/{key}"
+                        f"{field_name} of {key} is {value}; give {expected}.", pointer=f"/{field_name}/{key}"
                     )
 
 

@@ -54,22 +54,24 @@ class SampleHashes:
     @property
     def digest(self) -> str:
         """What these samples are known by, whatever their file is called: SHA-256 in hexadecimal digits."""
-        known = hashlib.sha256()
+        digest = hashlib.sha256()
         for rows in self.rows:
-            known.update(len(rows).to_bytes(8, "little"))
-            known.update(rows.tobytes())
-        return known.hexdigest()
+            digest.update(len(rows).to_bytes(8, "little"))
+            digest.update(rows.tobytes())
+        return digest.hexdigest()
 
     def share_in(self, other: SampleHashes) -> float:
         """Share of the rows in motion that are rows of another recording, too; 0 where nothing moves."""
-        together = min(_ROWS_TOGETHER, max((len(one) for one in self.rows), default=0))
+        together = min(_ROWS_TOGETHER, max((len(hashes) for hashes in self.rows), default=0))
         if not together:
             return 0.0
-        known = np.unique(np.concatenate([_hash_runs(one, together) for one in other.rows] or [np.zeros(0, np.uint64)]))
+        other_hashes = np.unique(
+            np.concatenate([_hash_runs(hashes, together) for hashes in other.rows] or [np.zeros(0, np.uint64)])
+        )
         shared = telling = 0
         for rows, moved in zip(self.rows, self.moving, strict=True):
             starts = _sums(moved.astype(np.float64), together) >= _MOVING * together
-            equal = starts & np.isin(_hash_runs(rows, together), known)
+            equal = starts & np.isin(_hash_runs(rows, together), other_hashes)
             telling += _covered(starts, together)
             shared += _covered(equal, together)
         return shared / telling if telling else 0.0
@@ -103,10 +105,10 @@ def _hash_runs(rows: Hashes, together: int) -> Hashes:
     count = len(rows) - together + 1
     if count < 1:
         return np.zeros(0, dtype=np.uint64)
-    found = np.zeros(count, dtype=np.uint64)
+    hashes = np.zeros(count, dtype=np.uint64)
     for k, factor in enumerate(_factors(together)):
-        found += rows[k : k + count] * factor
-    return found
+        hashes += rows[k : k + count] * factor
+    return hashes
 
 
 def _factors(count: int) -> Hashes:

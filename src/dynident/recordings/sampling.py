@@ -50,10 +50,10 @@ class SampleCollector:
         for start, stop in self._stretches:
             first, last = max(start, rows.first_row), min(stop, end)
             if first < last:
-                chosen = slice(first - rows.first_row, last - rows.first_row)
+                part = slice(first - rows.first_row, last - rows.first_row)
                 # Copies: a part of a block would keep all of it.
-                kept = RawRows(first, rows.t[chosen].copy(), rows.segment[chosen].copy(), rows.values[chosen].copy())
-                self._parts.append((np.arange(first + 1, last + 1), kept, used[chosen]))
+                rows_of_part = RawRows(first, rows.t[part].copy(), rows.segment[part].copy(), rows.values[part].copy())
+                self._parts.append((np.arange(first + 1, last + 1), rows_of_part, used[part]))
 
     def result(self) -> RawSample:
         """Give the sample; rows without numbers are left out."""

@@ -58,36 +58,36 @@ class Segmenter:
         numbers = np.all(are_readings(values[:, self._needed]), axis=1)
         new = self._without_repeats(rows, values)
         t, label = rows.t, rows.segment
-        kept = np.flatnonzero(new & numbers)
-        if not len(kept):
+        new_rows = np.flatnonzero(new & numbers)
+        if not len(new_rows):
             if self._last is not None and not numbers.all():
                 yield from self._end()
                 self._last = None
             return
         # A border stands before a kept row if its time jumps, its label changes, or a row without numbers lies between.
         lost = np.cumsum(~numbers)
-        before_t = t[kept[:-1]]
-        border = (t[kept[1:]] - before_t > self._base.gap) | (label[kept[1:]] != label[kept[:-1]])
-        border |= lost[kept[1:]] != lost[kept[:-1]]
+        before_t = t[new_rows[:-1]]
+        border = (t[new_rows[1:]] - before_t > self._base.gap) | (label[new_rows[1:]] != label[new_rows[:-1]])
+        border |= lost[new_rows[1:]] != lost[new_rows[:-1]]
         first = (
             self._last is None
-            or t[kept[0]] - self._last[0] > self._base.gap
-            or label[kept[0]] != self._last[1]
-            or lost[kept[0]] != 0
+            or t[new_rows[0]] - self._last[0] > self._base.gap
+            or label[new_rows[0]] != self._last[1]
+            or lost[new_rows[0]] != 0
         )
-        edges = [0, *(np.flatnonzero(border) + 1), len(kept)]
+        edges = [0, *(np.flatnonzero(border) + 1), len(new_rows)]
         for number, (start, end) in enumerate(pairwise(edges)):
-            run = kept[start:end]
+            run = new_rows[start:end]
             if first or number:
                 yield from self._end()
                 self._begin(float(t[run[0]]), int(label[run[0]]))
             whole = slice(run[0], run[-1] + 1) if run[-1] - run[0] + 1 == len(run) else run
             yield from self._add(t[whole], values[whole])
-        if lost[-1] != lost[kept[-1]]:
+        if lost[-1] != lost[new_rows[-1]]:
             yield from self._end()
             self._last = None
         else:
-            self._last = float(t[kept[-1]]), int(label[kept[-1]]), values[kept[-1]].copy()
+            self._last = float(t[new_rows[-1]]), int(label[new_rows[-1]]), values[new_rows[-1]].copy()
 
     def finish(self) -> Iterator[GridRows]:
         """End the recording."""
@@ -165,13 +165,13 @@ class Segmenter:
             return values
         held = values[:, -n:].copy()
         for joint in range(n):
-            known = np.flatnonzero(np.isfinite(held[:, joint]))
+            readings = np.flatnonzero(np.isfinite(held[:, joint]))
             earlier = np.nan if self._temperature is None else self._temperature[joint]
-            if not len(known):
+            if not len(readings):
                 held[:, joint] = earlier
                 continue
             if np.isnan(earlier):
-                earlier = held[known[0], joint]
+                earlier = held[readings[0], joint]
             latest = np.maximum.accumulate(np.where(np.isfinite(held[:, joint]), np.arange(len(held)), -1))
             held[:, joint] = np.where(latest >= 0, held[latest, joint], earlier)
         self._temperature = held[-1] if len(held) else self._temperature

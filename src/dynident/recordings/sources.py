@@ -33,8 +33,8 @@ class ArraySource:
     def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
         """Give the rows as one block: they are in memory anyway."""
         part = slice(first, first + length)
-        rest = (_part(values, part) for values in (self.temperature, self.wrench, self.command))
-        yield StoredRows(self.q[part], self.tau[part], *rest)
+        optional = (_part(values, part) for values in (self.temperature, self.wrench, self.command))
+        yield StoredRows(self.q[part], self.tau[part], *optional)
 
 
 def _part(values: FloatArray | None, part: slice) -> FloatArray | None:
@@ -60,21 +60,21 @@ class ParquetSource:
         columns = [*q, *tau, *heat, *wrench, *command]
         with streamed_parquet(self.path) as file:
             groups, skipped = _groups(file.metadata, first, length)
-            skip, left = first - skipped, length
+            skip, n_left = first - skipped, length
             for batch in file.iter_batches(block_length, row_groups=groups, columns=columns, use_threads=False):
-                taken = batch.slice(skip, left)
+                part = batch.slice(skip, n_left)
                 skip = max(0, skip - batch.num_rows)
-                if not taken.num_rows:
+                if not part.num_rows:
                     continue
-                left -= taken.num_rows
+                n_left -= part.num_rows
                 yield StoredRows(
-                    stacked(taken, q),
-                    stacked(taken, tau),
-                    stacked(taken, heat) if heat else None,
-                    stacked(taken, wrench) if wrench else None,
-                    stacked(taken, command) if command else None,
+                    stacked(part, q),
+                    stacked(part, tau),
+                    stacked(part, heat) if heat else None,
+                    stacked(part, wrench) if wrench else None,
+                    stacked(part, command) if command else None,
                 )
-                if not left:
+                if not n_left:
                     return
 
 

@@ -63,7 +63,7 @@ class RecordedJoints:
     coupling: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        counts = [len(given) for given in (self.limits, self.gains) if given is not None]
+        counts = [len(values) for values in (self.limits, self.gains) if values is not None]
         if any(count != self.n for count in counts):
             raise ValueError(
                 f"{self.n} joints, and {' and '.join(map(str, counts))} limits or gains: they have to agree"
@@ -293,7 +293,7 @@ def inside(t: FloatArray, windows: Windows, tolerance: float = 0.0) -> BoolArray
     """Tell which of the times t (m,) lie in one of the windows, ends included; all of them where there is none."""
     if not windows:
         return np.ones(len(t), dtype=bool)
-    found = np.zeros(len(t), dtype=bool)
+    is_inside = np.zeros(len(t), dtype=bool)
     for start, end in windows:
-        found |= (t >= start - tolerance) & (t <= end + tolerance)
-    return found
+        is_inside |= (t >= start - tolerance) & (t <= end + tolerance)
+    return is_inside

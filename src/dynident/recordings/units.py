@@ -76,20 +76,20 @@ def conversion(kind: str, joint: JointKind | None, unit: str | None, where: str)
     RecordingError
         For a unit that is not known for this signal; names those that are.
     """
-    known = FACTORS[kind, joint]
+    factors = FACTORS[kind, joint]
     if unit is None:
         return 1.0, 0.0
     if kind in ("q", "q_command") and (counted := _COUNTS.fullmatch(unit.replace(" ", ""))) and float(counted[1]) > 0:
         factor = (2.0 * pi if joint == "revolute" else 1.0) / float(counted[1])
         return factor, -factor * float(counted[2] or 0.0)
-    wanted = _plain(unit)
-    for name, factor in known.items():
-        if _plain(name) == wanted:
+    plain_unit = _plain(unit)
+    for name, factor in factors.items():
+        if _plain(name) == plain_unit:
             return factor, OFFSETS.get(name, 0.0)
     of = "" if joint is None else f" of a {joint} joint"
     counts = [COUNTS] if kind in ("q", "q_command") else []
     raise RecordingError(
-        f"Unit {unit!r} is not known for {kind}{of}; known are {', '.join([*known, *counts])}.",
+        f"Unit {unit!r} is not known for {kind}{of}; known are {', '.join([*factors, *counts])}.",
         pointer=f"/units/{where}",
         title="Unknown unit",
     )

@@ -38,8 +38,8 @@ def is_called_time(name: str) -> bool:
 
 def are_times(cells: Sequence[str]) -> bool:
     """Whether all cells that are not empty are times."""
-    given = [cell for cell in cells if cell]
-    return bool(given) and any(all(re.match(form, cell) for cell in given) for form in (_CLOCK, _DURATION))
+    filled = [cell for cell in cells if cell]
+    return bool(filled) and any(all(re.match(form, cell) for cell in filled) for form in (_CLOCK, _DURATION))
 
 
 def to_seconds(column: pa.Array) -> pa.Array:
@@ -66,16 +66,16 @@ def _durations(parts: pa.Array) -> pa.Array:
 def _numbers(parts: pa.Array, name: str, absent: float = 0.0) -> FloatArray:
     """(m,): a part of the texts as numbers, `absent` where it is not there."""
     text = pc.replace_substring_regex(pc.struct_field(parts, name), "[,:]", ".")
-    known = pc.if_else(pc.match_substring_regex(text, r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"), text, None)
-    return to_floats(known.cast(pa.float64()).fill_null(absent)).copy()
+    numbers = pc.if_else(pc.match_substring_regex(text, r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"), text, None)
+    return to_floats(numbers.cast(pa.float64()).fill_null(absent)).copy()
 
 
 def _each(parts: pa.Array, name: str, seconds: Callable[[str], float]) -> FloatArray:
     """(m,): what a part of the texts means, computed once for each of the few texts that there are."""
     column = pc.struct_field(parts, name).fill_null("")
-    known = pc.dictionary_encode(column)
-    values = np.array([seconds(text) if text else 0.0 for text in known.dictionary.to_pylist()])
-    return np.asarray(values[known.indices.to_numpy(zero_copy_only=False)], dtype=np.float64)
+    encoded = pc.dictionary_encode(column)
+    values = np.array([seconds(text) if text else 0.0 for text in encoded.dictionary.to_pylist()])
+    return np.asarray(values[encoded.indices.to_numpy(zero_copy_only=False)], dtype=np.float64)
 
 
 def _seconds_of_date(text: str) -> float:

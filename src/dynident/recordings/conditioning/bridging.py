@@ -39,15 +39,15 @@ class MissingValues:
 
     def checks(self) -> list[Check]:
         """Say which cells those are."""
-        found = self._found
-        if not found.n:
+        rows = self._found
+        if not rows.n:
             return [Check(self.name, "ok", "Every cell that is needed holds a number.")]
         detail = (
-            f"{found.n} cell{'s hold' if found.n > 1 else ' holds'} no number, or one that no sensor gives: "
-            f"{found.describe(self._signals.sources)}. They are replaced by what lies between their neighbours where "
+            f"{rows.n} cell{'s hold' if rows.n > 1 else ' holds'} no number, or one that no sensor gives: "
+            f"{rows.describe(self._signals.sources)}. They are replaced by what lies between their neighbours where "
             "those are near, and else their rows are left out."
         )
-        return [found.check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.check(self.name, "warning", detail, self._signals.sources)]
 
 
 class BridgedGaps:
@@ -80,48 +80,48 @@ class BridgedGaps:
 
     def checks(self) -> list[Check]:
         """Say which rows are left out."""
-        found = self._found
-        if not found.n:
+        rows = self._found
+        if not rows.n:
             return []
         detail = (
             f"{self._n_lost} of {self._n_rows} rows are left out, and nothing is filtered across them: samples are "
-            f"missing there for longer than can be bridged, in {found.describe(self._signals.sources)}."
+            f"missing there for longer than can be bridged, in {rows.describe(self._signals.sources)}."
         )
         much = self._n_lost > MOST_MISSING * self._n_rows
-        return [found.check(self.name, "error" if much else "warning", detail, self._signals.sources)]
+        return [rows.check(self.name, "error" if much else "warning", detail, self._signals.sources)]
 
 
 def bridge(t: FloatArray, x: FloatArray, run: IntArray, most: int, *, smooth: bool) -> None:
     """Replace up to `most` missing samples in a row of x (m,) by what lies between those beside them, in place."""
     missing = np.isnan(x)
     starts, ends = row_edges(missing)
-    known = np.flatnonzero(~missing)
+    present = np.flatnonzero(~missing)
     for length in range(1, most + 1):
-        chosen = starts[ends - starts == length]
-        before = np.searchsorted(known, chosen) - 1
-        inside = (before >= 1) & (before + 2 < len(known))
-        chosen, before = chosen[inside], before[inside]
-        if not len(chosen):
+        gap_starts = starts[ends - starts == length]
+        before = np.searchsorted(present, gap_starts) - 1
+        inside = (before >= 1) & (before + 2 < len(present))
+        gap_starts, before = gap_starts[inside], before[inside]
+        if not len(gap_starts):
             continue
-        anchors = known[before[:, None] + np.array([-1, 0, 1, 2])]
+        anchors = present[before[:, None] + np.array([-1, 0, 1, 2])]
         # Across a gap in time nothing is bridged; farther anchors may lie beyond other missing samples.
         near = run[anchors[:, 0]] == run[anchors[:, 3]]
-        chosen, anchors = chosen[near], anchors[near]
-        rows = chosen[:, None] + np.arange(length)
+        gap_starts, anchors = gap_starts[near], anchors[near]
+        rows = gap_starts[:, None] + np.arange(length)
         origin = x[anchors[:, 1:2]]
         x[rows] = origin + interpolate_between(t[anchors], x[anchors] - origin, t[rows], smooth=smooth)
 
 
-def interpolate_between(t: FloatArray, x: FloatArray, wanted: FloatArray, *, smooth: bool) -> FloatArray:
+def interpolate_between(t: FloatArray, x: FloatArray, times: FloatArray, *, smooth: bool) -> FloatArray:
     """Interpolate at times (k, l) between samples (k, 4): by the cubic through all, or straight between the inner."""
     if not smooth:
-        share = (wanted - t[:, 1:2]) / (t[:, 2:3] - t[:, 1:2])
+        share = (times - t[:, 1:2]) / (t[:, 2:3] - t[:, 1:2])
         return np.asarray(x[:, 1:2] + share * (x[:, 2:3] - x[:, 1:2]))
-    result = np.zeros_like(wanted)
+    result = np.zeros_like(times)
     for index in range(4):
-        weight = np.ones_like(wanted)
+        weight = np.ones_like(times)
         for other in range(4):
             if other != index:
-                weight *= (wanted - t[:, other : other + 1]) / (t[:, index] - t[:, other])[:, None]
+                weight *= (times - t[:, other : other + 1]) / (t[:, index] - t[:, other])[:, None]
         result += weight * x[:, index : index + 1]
     return result

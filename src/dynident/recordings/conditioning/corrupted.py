@@ -72,17 +72,17 @@ class CorruptedSamples:
 
     def checks(self) -> list[Check]:
         """Say which samples were taken out."""
-        found = self._found
-        if not found.n:
+        rows = self._found
+        if not rows.n:
             return [Check(self.name, "ok", "No sample is off the course of its signal.")]
-        one = found.n == 1
+        single = rows.n == 1
         detail = (
-            f"{found.n} sample{' is' if one else 's are'} off the course of {'its signal' if one else 'their signals'} "
-            f"and cannot have been measured: {found.describe(self._signals.sources)}. "
-            f"{'It is' if one else 'They are'} replaced by what lies between the neighbours. Look for lost frames of "
-            f'the bus; if they are right as they are, say "skip": ["{self.name}"].'
+            f"{rows.n} sample{' is' if single else 's are'} off the course of "
+            f"{'its signal' if single else 'their signals'} and cannot have been measured: "
+            f"{rows.describe(self._signals.sources)}. {'It is' if single else 'They are'} replaced by what lies between the "
+            f'neighbours. Look for lost frames of the bus; if they are right as they are, say "skip": ["{self.name}"].'
         )
-        return [found.check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.check(self.name, "warning", detail, self._signals.sources)]
 
     def _explained(self, window: Window, column: int, rows: IntArray, swings: BoolArray) -> BoolArray:
         """Tell which rows of a torque may be as measured: those that are no value that stands in for lost ones, and
@@ -102,8 +102,8 @@ class CorruptedSamples:
             at = np.flatnonzero(turns[TURN_ROWS:-TURN_ROWS]) + TURN_ROWS
             jumps = np.abs(measured[at + TURN_ROWS] - measured[at - TURN_ROWS])
             friction = float(np.nanmax(jumps)) if np.isfinite(jumps).any() else 0.0
-            known = np.isfinite(measured)
-            off = np.abs(x[rows] - np.interp(window.t[rows], window.t[known], measured[known]))
+            present = np.isfinite(measured)
+            off = np.abs(x[rows] - np.interp(window.t[rows], window.t[present], measured[present]))
             happened |= _near(slow[:, None], TURN_ROWS)[rows, 0] & (off < TIMES_FRICTION * friction)
         return np.asarray(happened & ~stands_in)
 
@@ -111,9 +111,9 @@ class CorruptedSamples:
         """Describe a signal by the smallest counts it comes in, its span, and the tails of its noise."""
         signals = self._signals
         x, smooth = window.values[:, column], bool(signals.smooth[column])
-        known = x[np.isfinite(x)]
-        low, high = np.quantile(known, (0.01, 0.99))
-        changes = np.abs(np.diff(known))
+        finite = x[np.isfinite(x)]
+        low, high = np.quantile(finite, (0.01, 0.99))
+        changes = np.abs(np.diff(finite))
         changes = changes[changes > ROUNDING * max(abs(low), abs(high))]
         count = float(np.quantile(changes, 0.01)) if len(changes) else 0.0
         usual = np.maximum(usual, count)
@@ -128,9 +128,9 @@ class CorruptedSamples:
 def _turns(t: FloatArray, q: FloatArray) -> tuple[BoolArray, BoolArray]:
     """Mark the rows in which a joint turns round, comes to rest or leaves it; and these with those of its rests."""
     turns, slow = np.zeros(len(q), dtype=bool), np.zeros(len(q), dtype=bool)
-    known = np.isfinite(q)
-    if known.any():
-        direction = np.sign(np.diff(np.interp(t, t[known], q[known])))
+    finite = np.isfinite(q)
+    if finite.any():
+        direction = np.sign(np.diff(np.interp(t, t[finite], q[finite])))
         turns[1:-1] = direction[1:] != direction[:-1]
         slow[1:] = direction == 0.0
     return turns, slow | turns

@@ -67,19 +67,19 @@ class Course:
 
 def corrupted_samples(course: Course) -> IntArray:
     """Give the rows of a signal that are off its course, in order."""
-    left = np.isfinite(course.x)
+    unmarked = np.isfinite(course.x)
     sizes = np.zeros(len(course.x))
     # Without those that are known the course is plainer: others close to them come to light.
     for _ in range(3):
-        rows = np.flatnonzero(left)
-        size = _sizes_off_course(course.only(left))
+        rows = np.flatnonzero(unmarked)
+        size = _sizes_off_course(course.only(unmarked))
         if not size.any():
             break
         sizes[rows] = size
-        left &= sizes == 0.0
+        unmarked &= sizes == 0.0
     if not sizes.any():
         return np.empty(0, dtype=np.int64)
-    certain = (sizes > 0.0) & (sizes >= _least_certain(sizes[sizes > 0.0], _swings(course.only(left))))
+    certain = (sizes > 0.0) & (sizes >= _least_certain(sizes[sizes > 0.0], _swings(course.only(unmarked))))
     if not course.smooth and len(row_edges(certain)[0]) < FEW:
         certain &= (sizes >= TIMES_FEW * course.threshold / course.usual) | (course.x == 0.0)
     return np.flatnonzero(certain | _same_again(course, certain))
@@ -164,32 +164,32 @@ def _blocks(course: Course, starts: IntArray, length: int) -> tuple[IntArray, Fl
     anchors = starts[:, None] + np.array([-2, -1, length, length + 1])
     at, usual = t[anchors], course.usual[starts]
     origin = x[starts - 1]
-    known = course.difference(x[anchors], origin[:, None])
+    anchor_values = course.difference(x[anchors], origin[:, None])
     rows = starts[:, None] + np.arange(length)
     values, times = course.difference(x[rows], origin[:, None]), t[rows]
-    expected = interpolate_between(at, known, times, smooth=course.smooth)
+    expected = interpolate_between(at, anchor_values, times, smooth=course.smooth)
     off = values - expected
-    goes_on = _goes_on(course, at, known, usual, np.abs(off).min(axis=1), length)
+    goes_on = _goes_on(course, at, anchor_values, usual, np.abs(off).min(axis=1), length)
     least = course.threshold[starts]
     around = np.clip(starts[:, None] + np.arange(-LATE_ROWS, length + LATE_ROWS), 0, len(t) - 1)
     uneven = np.abs(np.diff(t[around], axis=1) - course.step).max(axis=1)
     if course.smooth:
-        speed = np.abs(known[:, 2] - known[:, 1]) / np.maximum(at[:, 2] - at[:, 1], 1e-12)
+        speed = np.abs(anchor_values[:, 2] - anchor_values[:, 1]) / np.maximum(at[:, 2] - at[:, 1], 1e-12)
         # A stamp that comes late moves the whole course by as much as the joint goes in that time.
         least = least * 0.5 * (length + 1) + 2.0 * speed * uneven
     far = np.abs(off) > least[:, None]
-    found = goes_on & far[:, 0] & far[:, -1]
+    is_off_course = goes_on & far[:, 0] & far[:, -1]
     if not course.smooth:
         # Where a row came late a controller has answered.
-        found &= (np.abs(values[:, -1] - known[:, 2]) > least) & (uneven <= course.step)
+        is_off_course &= (np.abs(values[:, -1] - anchor_values[:, 2]) > least) & (uneven <= course.step)
         if length > 1:
             # A torque may well be another one for some samples, as where a joint accelerates. It then neither is the
             # very same in them, nor jumps from each to the next within a moment.
             inner = np.abs(np.diff(values, axis=1))
             jumps = ((inner == 0.0) | (inner > least[:, None])).all(axis=1)
-            found &= (inner.max(axis=1) == 0.0) | (jumps & (length * course.step <= MOMENT))
+            is_off_course &= (inner.max(axis=1) == 0.0) | (jumps & (length * course.step <= MOMENT))
     size = np.where(far, np.abs(off) / usual[:, None], 0.0)
-    return starts[found], size[found]
+    return starts[is_off_course], size[is_off_course]
 
 
 def _goes_on(
@@ -201,6 +201,6 @@ def _goes_on(
         turns = np.abs(np.diff(slopes, axis=1)).max(axis=1) * course.step
         return np.asarray(turns <= usual * (length + 2))
     steps = np.abs(np.diff(x, axis=1))
-    beside = np.maximum(steps[:, 0], steps[:, 2])
+    outer = np.maximum(steps[:, 0], steps[:, 2])
     across = np.maximum(min(5.0, max(2.5, length + 1.0)) * usual, BESIDE[1] * off)
-    return np.asarray((beside <= np.maximum(3.0 * usual, BESIDE[0] * off)) & (steps[:, 1] <= across))
+    return np.asarray((outer <= np.maximum(3.0 * usual, BESIDE[0] * off)) & (steps[:, 1] <= across))

@@ -27,8 +27,8 @@ class FoundRows:
         """Take the rows of a column, and the times of them."""
         if not len(rows):
             return
-        kept = self.rows.setdefault(column, [])
-        kept.extend(int(row) for row in rows[: KEPT_ROWS - len(kept)])
+        listed = self.rows.setdefault(column, [])
+        listed.extend(int(row) for row in rows[: KEPT_ROWS - len(listed)])
         self.counts[column] = self.counts.get(column, 0) + len(rows)
         earliest = int(rows[0]), float(t[0]), column
         self.first = earliest if self.first is None else min(self.first, earliest)
@@ -41,7 +41,7 @@ class FoundRows:
     def check(self, name: str, status: Status, detail: str, sources: Sequence[str]) -> Check:
         """Give the finding, by the user's names of the columns."""
         row, time, column = self.first or (None, None, None)
-        rows = {sources[at]: tuple(found) for at, found in sorted(self.rows.items())}
+        rows = {sources[at]: tuple(numbers) for at, numbers in sorted(self.rows.items())}
         return Check(name, status, detail, "" if column is None else sources[column], row, time, rows=rows)
 
     def describe(self, sources: Sequence[str]) -> str:

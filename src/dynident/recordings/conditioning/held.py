@@ -48,8 +48,8 @@ class HeldSamples:
             x[same] = np.nan
             bridge(window.t, x, window.run, longest, smooth=bool(self._signals.smooth[column]))
             # Before the second sample of a stretch, and behind the last but one, there is nothing to go by.
-            left = np.isnan(x)
-            x[left] = values[left, np.flatnonzero(needed == column)[0]]
+            unbridged = np.isnan(x)
+            x[unbridged] = values[unbridged, np.flatnonzero(needed == column)[0]]
         own = window.own_rows(np.flatnonzero(same))
         self._n_rows += window.own.stop - window.own.start
         self._n_changes += window.own.stop - window.own.start - len(own)
@@ -57,14 +57,14 @@ class HeldSamples:
 
     def checks(self) -> list[Check]:
         """Say at which rate the samples really come."""
-        found = self._found
-        if not found.n:
+        rows = self._found
+        if not rows.n:
             return [Check(self.name, "ok", "No signals are held between their samples.")]
         rate = 1.0 / self._signals.step
         detail = (
-            f"In {found.n} rows all positions and torques are those of the row before: the file has {rate:.4g} rows a "
+            f"In {rows.n} rows all positions and torques are those of the row before: the file has {rate:.4g} rows a "
             f"second, and what it holds comes about {rate * self._n_changes / self._n_rows:.3g} times a second. "
             "Between these samples the signals are interpolated; nothing faster can be seen in them. Log at the "
             f'rate of the source; if the rows are right as they are, say "skip": ["{self.name}"].'
         )
-        return [found.check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.check(self.name, "warning", detail, self._signals.sources)]

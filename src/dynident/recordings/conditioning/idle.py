@@ -36,8 +36,8 @@ class IdleDrives:
             return
         shortest = min(MARGIN_ROWS // 2, max(2, round(SHORTEST / self._signals.step)))
         for start, stop in zip(*row_edges((torques == 0.0).all(axis=1)), strict=True):
-            beside = [row for row in (start - 1, stop) if 0 <= row < len(torques)]
-            jumps = np.abs(torques[beside]) > LEAST_JUMP * spans
+            neighbours = [row for row in (start - 1, stop) if 0 <= row < len(torques)]
+            jumps = np.abs(torques[neighbours]) > LEAST_JUMP * spans
             goes_on = start == 0 and self._idle_until >= window.first_row
             if stop - start < shortest or not (goes_on or jumps.any()):
                 continue
@@ -49,12 +49,12 @@ class IdleDrives:
 
     def checks(self) -> list[Check]:
         """Say where the drives were switched off."""
-        found = self._found
-        if not found.n or found.first is None:
+        rows = self._found
+        if not rows.n or rows.first is None:
             return [Check(self.name, "ok", "The drives are switched on throughout.")]
         detail = (
-            f"All torques are exactly 0 in {found.n} rows, first in row {found.first[0]} (t = {found.first[1]:.6g} s), "
+            f"All torques are exactly 0 in {rows.n} rows, first in row {rows.first[0]} (t = {rows.first[1]:.6g} s), "
             "and jump there: the drives are switched off. These rows are not used, and nothing is filtered across "
             f'them; if the torques are right, say "skip": ["{self.name}"].'
         )
-        return [found.check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.check(self.name, "warning", detail, self._signals.sources)]

@@ -76,17 +76,19 @@ def find_register(raw: FloatArray, together: BoolArray, bits: Collection[int] = 
         return None
     kinds = (Register(bit, is_magnitude=True), Register(bit, is_magnitude=False))
     jumps = _jumps(raw, together, bit)
-    left, register = min(((_jumps(one.decode(raw), together, bit), one) for one in kinds), key=lambda pair: pair[0])
+    remaining_jumps, register = min(
+        ((_jumps(candidate.decode(raw), together, bit), candidate) for candidate in kinds), key=lambda pair: pair[0]
+    )
     passes = np.diff(raw >= 2.0**bit, axis=0)[together]
     smooth = int(np.count_nonzero(passes & (np.abs(np.diff(raw, axis=0)[together]) <= 0.5 * 2.0**bit)))
-    is_register = jumps >= _FEWEST_JUMPS and left <= _JUMPS_LEFT * jumps and smooth <= _SMOOTH * passes.sum()
+    is_register = jumps >= _FEWEST_JUMPS and remaining_jumps <= _JUMPS_LEFT * jumps and smooth <= _SMOOTH * passes.sum()
     return register if is_register else None
 
 
 def _are_counts(raw: FloatArray) -> bool:
     """Tell whether numbers are whole and not below zero, as far as there are any."""
-    known = raw[np.isfinite(raw)]
-    return bool((known >= -_WHOLE).all() and (np.abs(known - np.rint(known)) <= _WHOLE).all())
+    finite = raw[np.isfinite(raw)]
+    return bool((finite >= -_WHOLE).all() and (np.abs(finite - np.rint(finite)) <= _WHOLE).all())
 
 
 def _jumps(values: FloatArray, together: BoolArray, bit: int) -> int:
@@ -120,10 +122,10 @@ class SignedRegisters:
             decoded = register.decode(np.rint(raw))
             changed = decoded != np.rint(raw)
             window.values[:, at] = np.where(changed, decoded * factors + offsets, window.values[:, at])
-            found = self._found.setdefault(kind, FoundRows())
+            found_rows = self._found.setdefault(kind, FoundRows())
             for place, column in enumerate(columns):
                 own = window.own_rows(np.flatnonzero(changed[:, place] & np.isfinite(raw[:, place])))
-                found.add(column, own, window.t[own - 1 - window.first_row])
+                found_rows.add(column, own, window.t[own - 1 - window.first_row])
 
     def checks(self) -> list[Check]:
         """Say which columns are registers, and how they are read."""
@@ -132,13 +134,13 @@ class SignedRegisters:
         return [self._check(kind, register) for kind, register in self._registers.items()]
 
     def _check(self, kind: str, register: Register) -> Check:
-        found, sources = self._found[kind], self._signals.sources
+        rows, sources = self._found[kind], self._signals.sources
         names = [sources[column] for column in self._signals.registers[kind]]
         detail = (
-            f"{names[0]} … {names[-1]} are registers whose sign was not read: {register}. {found.n} samples are read "
+            f"{names[0]} … {names[-1]} are registers whose sign was not read: {register}. {rows.n} samples are read "
             f'so; if they are right as they are, say "skip": ["{self.name}"].'
         )
-        return found.check(self.name, "warning", detail, sources)
+        return rows.check(self.name, "warning", detail, sources)
 
 
 def decode_registers(raw: FloatArray, t: FloatArray, kind: str) -> tuple[FloatArray, Register | None]:

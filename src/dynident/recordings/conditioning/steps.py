@@ -32,12 +32,12 @@ def usual_steps(steps: FloatArray) -> FloatArray:
     padded = np.full((n * CHUNK_ROWS, c), np.nan)
     np.abs(steps, out=padded[:m])
     chunks = np.sort(padded.reshape(n, CHUNK_ROWS, c), axis=1)
-    known = np.isfinite(chunks).sum(axis=1)
+    n_finite = np.isfinite(chunks).sum(axis=1)
     zeros = (chunks == 0.0).sum(axis=1)
     # Of fewer changes than these one corrupted sample would make its own measure.
-    several = known - zeros > 4
-    at = np.maximum((3 * known) // 4, np.where(several, (known + zeros) // 2, 0))
-    own = np.take_along_axis(chunks, np.minimum(at, np.maximum(known - 1, 0))[:, None, :], axis=1)[:, 0]
+    several = n_finite - zeros > 4
+    at = np.maximum((3 * n_finite) // 4, np.where(several, (n_finite + zeros) // 2, 0))
+    own = np.take_along_axis(chunks, np.minimum(at, np.maximum(n_finite - 1, 0))[:, None, :], axis=1)[:, 0]
     own = np.nan_to_num(own)
     near = own.copy()
     for shift in range(1, NEAR_CHUNKS + 1):

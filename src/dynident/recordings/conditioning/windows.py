@@ -65,8 +65,8 @@ def _join(blocks: list[RawRows]) -> RawRows:
 
 
 def _part(rows: RawRows, first_row: int, start: int, stop: int) -> RawRows:
-    chosen = slice(start - first_row, stop - first_row)
-    return RawRows(start, rows.t[chosen], rows.segment[chosen], rows.values[chosen])
+    part = slice(start - first_row, stop - first_row)
+    return RawRows(start, rows.t[part], rows.segment[part], rows.values[part])
 
 
 def _window(rows: RawRows, first_row: int, start: int, stop: int, base: TimeBase) -> Window:

@@ -39,15 +39,15 @@ def wrapping_columns(window: Window, signals: Signals) -> BoolArray:
         jumps = np.flatnonzero((np.abs(steps) > pi) & together)
         if not len(jumps):
             continue
-        rest = np.abs(fold(steps[jumps]))
+        remainder = np.abs(fold(steps[jumps]))
         elapsed = np.maximum(window.t[jumps + 1] - window.t[jumps], signals.step)
-        slow = jumps[rest <= signals.fastest[column] * elapsed]
-        known = x[np.isfinite(x)]
+        slow = jumps[remainder <= signals.fastest[column] * elapsed]
+        finite = x[np.isfinite(x)]
         for border in BORDERS:
             low, high = border - ROUNDING, border + TURN + ROUNDING
             ends = np.minimum(x[slow], x[slow + 1]), np.maximum(x[slow], x[slow + 1])
             if ((ends[0] >= low) & (ends[1] <= high)).any():
-                wrapping[column] |= bool(((known >= low) & (known <= high)).mean() >= INSIDE_SHARE)
+                wrapping[column] |= bool(((finite >= low) & (finite <= high)).mean() >= INSIDE_SHARE)
     return wrapping
 
 
@@ -101,8 +101,8 @@ class WrappedAngles:
         if not len(rows):
             return
         x = window.values[rows, column]
-        rest = np.diff(x) - self._expected(window, column, rows)
-        turns = np.concatenate([[0.0], -np.round(rest / TURN)])
+        remainder = np.diff(x) - self._expected(window, column, rows)
+        turns = np.concatenate([[0.0], -np.round(remainder / TURN)])
         # Every segment is counted from its own beginning.
         begins = np.concatenate([[False], np.diff(window.segment[rows]) != 0])
         turns[begins] = 0.0

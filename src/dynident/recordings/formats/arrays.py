@@ -45,35 +45,37 @@ class ArrayFileSource(FileSource):
     def __init__(self, arrays: Sequence[StoredArray]) -> None:
         self._places: dict[str, _Placed] = {}
         arrays = [
-            one for one in arrays if 1 <= len(one.shape) <= 2 and min(one.shape) > 0 and max(one.shape) >= FEWEST_ROWS
+            array
+            for array in arrays
+            if 1 <= len(array.shape) <= 2 and min(array.shape) > 0 and max(array.shape) >= FEWEST_ROWS
         ]
         if not arrays:
             raise RecordingError("The file holds no arrays of numbers with rows.", title=TITLE)
         self._length = _length(arrays)
-        prefix = _prefix([one.name for one in arrays])
-        arrays = [one for one in arrays if self._length in one.shape]
-        check_columns(sum(math.prod(one.shape) // self._length for one in arrays))
-        for one in arrays:
-            axis = one.shape.index(self._length)
-            width = one.shape[1 - axis] if len(one.shape) == 2 else 1
-            name = one.name[len(prefix) :] or "column"
+        prefix = _prefix([array.name for array in arrays])
+        arrays = [array for array in arrays if self._length in array.shape]
+        check_columns(sum(math.prod(array.shape) // self._length for array in arrays))
+        for array in arrays:
+            axis = array.shape.index(self._length)
+            width = array.shape[1 - axis] if len(array.shape) == 2 else 1
+            name = array.name[len(prefix) :] or "column"
             joint = "_" if name[-1].isdigit() else ""
             for index in range(width):
                 column = name if width == 1 else f"{name}{joint}{index + 1}"
-                self._places[column] = _Placed(one, axis, index)
+                self._places[column] = _Placed(array, axis, index)
         super().__init__(list(self._places))
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         step = rows_of_block(len(self._places))
         for first in range(0, self._length, step):
             last = min(first + step, self._length)
-            read: dict[int, FloatArray] = {}
+            blocks: dict[int, FloatArray] = {}
             values = []
             for column in columns:
                 place = self._places[column]
-                whole = read.get(id(place.stored))
+                whole = blocks.get(id(place.stored))
                 if whole is None:
-                    whole = read[id(place.stored)] = _rows(place, first, last)
+                    whole = blocks[id(place.stored)] = _rows(place, first, last)
                 values.append(from_numbers(np.asarray(whole[:, place.index], dtype=np.float64)))
             yield pa.RecordBatch.from_arrays(values, names=columns)
 
@@ -94,12 +96,12 @@ def _length(arrays: Sequence[StoredArray]) -> int:
 
     It is the longer side of one array at the least: a recording has more rows than signals.
     """
-    longer = {max(one.shape) for one in arrays}
+    longer = {max(array.shape) for array in arrays}
     shared: Counter[int] = Counter()
-    for one in arrays:
-        for axis, size in enumerate(one.shape):
+    for array in arrays:
+        for axis, size in enumerate(array.shape):
             if size >= FEWEST_ROWS and size in longer:
-                shared[size] += min(64, one.shape[1 - axis]) if len(one.shape) == 2 else 1
+                shared[size] += min(64, array.shape[1 - axis]) if len(array.shape) == 2 else 1
     return max(shared, key=lambda size: (shared[size], size))
 
 

@@ -46,16 +46,16 @@ class BagSource(FileSource):
         fields: dict[str, dict[str, None]] = {}
         parts: dict[str, list[FloatArray]] = {}
         stream = samples_of(self._path, self._format)
-        seen: list[Samples] = []
+        blocks: list[Samples] = []
         rows = values = 0
         while rows < _LOOKED_AT and values < _LOOKED_AT_VALUES and (samples := next(stream, None)):
-            seen.append(samples)
+            blocks.append(samples)
             rows, values = rows + len(samples.times), values + samples.values.size
             fields.setdefault(samples.topic, {}).update(dict.fromkeys(samples.names))
             check_columns(sum(map(len, fields.values())))
             parts.setdefault(samples.topic, []).append(samples.times)
         times = {topic: np.concatenate(stamps) for topic, stamps in parts.items()}
-        self._ahead = chain(seen, stream)
+        self._ahead = chain(blocks, stream)
         if not fields:
             raise RecordingError(
                 "The bag holds no joint states: messages of sensor_msgs/JointState are needed, with position and "

@@ -55,7 +55,7 @@ def _datasets(file: Any) -> Iterator[tuple[str, Any]]:
     import h5py
 
     waiting: list[tuple[str, int, Any]] = [("", 0, file)]
-    seen: set[int] = set()
+    addresses: set[int] = set()
     while waiting:
         prefix, depth, group = waiting.pop()
         for key in group:
@@ -73,10 +73,10 @@ def _datasets(file: Any) -> Iterator[tuple[str, Any]]:
             if not isinstance(link, h5py.HardLink) or name.startswith("#"):
                 continue  # a soft link names what stands elsewhere in the file, and is met there
             kind, address = _kind_and_address(group, key)
-            if address in seen:
+            if address in addresses:
                 continue
-            seen.add(address)
-            if len(seen) > MOST_OBJECTS or depth > DEEPEST:
+            addresses.add(address)
+            if len(addresses) > MOST_OBJECTS or depth > DEEPEST:
                 raise RecordingError(
                     f"The file has more than {MOST_OBJECTS} groups and data sets, or groups more than {DEEPEST} deep; "
                     "export the signals of the joints alone.",

@@ -133,5 +133,5 @@ def _elsewhere(name: str, how: str) -> RecordingError:
     )
 
 
-def _unusable(name: str, what: str) -> RecordingError:
-    return RecordingError(f"{name} {what}.", pointer=name, title=TITLE)
+def _unusable(name: str, reason: str) -> RecordingError:
+    return RecordingError(f"{name} {reason}.", pointer=name, title=TITLE)

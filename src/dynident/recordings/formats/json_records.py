@@ -84,8 +84,10 @@ class RecordSource(FileSource):
 
     def _column(self, values: Sequence[Value], name: str) -> pa.Array:
         if name in self.texts:
-            return pa.array([None if one is None else encodable(str(one)) for one in values], pa.string())
-        return from_numbers(np.array([one if isinstance(one, float) else np.nan for one in values], dtype=np.float64))
+            return pa.array([None if value is None else encodable(str(value)) for value in values], pa.string())
+        return from_numbers(
+            np.array([value if isinstance(value, float) else np.nan for value in values], dtype=np.float64)
+        )
 
 
 def json_source(content: TextContent) -> FileSource:
@@ -113,7 +115,7 @@ def _records(content: TextContent) -> Iterator[object]:
         if inner:
             yield from max(inner, key=len)
             return
-    yield from (one for one in (first, second) if one is not None)
+    yield from (record for record in (first, second) if record is not None)
     yield from objects
 
 
@@ -134,21 +136,21 @@ def _objects(content: TextContent) -> Iterator[object]:
                 # An array is closed behind its last record.
                 value, end = decoder.raw_decode(text, place) if not text.startswith("]", place) else (None, place + 1)
             except (ValueError, RecursionError) as error:
-                left, row = len(text) - place, max(number, 1)
-                if at_end and (not left or (number > 1 and _is_cut_off(error, text))):
+                n_left, row = len(text) - place, max(number, 1)
+                if at_end and (not n_left or (number > 1 and _is_cut_off(error, text))):
                     return
                 if at_end or not _is_cut_off(error, text):
                     raise RecordingError(
                         f"Record {row} cannot be read as JSON: {error}", title=TITLE, row=row
                     ) from error
                 longest = LARGEST_OBJECT if number <= 1 else LARGEST_MESSAGE
-                if left > longest:
+                if n_left > longest:
                     raise RecordingError(
                         f"Record {row} is longer than {longest >> 20} MB: write an object a line, or CSV.",
                         title=TITLE,
                         row=row,
                     ) from error
-                part = file.read(max(_READ_BYTES, left))
+                part = file.read(max(_READ_BYTES, n_left))
                 at_end = not part
                 text, place = text[place:] + decode(part, final=at_end), 0
                 continue
@@ -168,34 +170,34 @@ def _is_cut_off(error: Exception, text: str) -> bool:
 
 def _flat(record: object) -> dict[str, Value]:
     """Give the values of a record by the way to them."""
-    found: dict[str, Value] = {}
-    _collect(record, "", found, 0)
-    return found
+    values: dict[str, Value] = {}
+    _collect(record, "", values, 0)
+    return values
 
 
-def _collect(value: object, name: str, found: dict[str, Value], depth: int) -> None:
+def _collect(value: object, name: str, values: dict[str, Value], depth: int) -> None:
     if depth > DEEPEST:
         raise RecordingError(f"{name[:60]} lies deeper than {DEEPEST} objects inside each other.", title=TITLE)
     if isinstance(value, dict):
         for key, inner in value.items():
-            _collect(inner, f"{name}.{key}" if name else str(key), found, depth + 1)
+            _collect(inner, f"{name}.{key}" if name else str(key), values, depth + 1)
     elif isinstance(value, list):
-        if len(found) + len(value) > MOST_COLUMNS:
-            check_columns(len(found) + len(value))
+        if len(values) + len(value) > MOST_COLUMNS:
+            check_columns(len(values) + len(value))
         for own, inner in zip(_names_of_items(name or "column", value), value, strict=True):
-            _collect(inner, own, found, depth + 1)
+            _collect(inner, own, values, depth + 1)
     elif isinstance(value, str) or value is None:
-        found[name or "column"] = value
+        values[name or "column"] = value
     else:
-        found[name or "column"] = _number(value)
+        values[name or "column"] = _number(value)
 
 
 def _names_of_items(name: str, items: Sequence[object]) -> Sequence[str]:
     """Count the items of an array, or call them as they say that they are called."""
     for key in _NAMES:
-        called = [item.get(key) if isinstance(item, dict) else None for item in items]
-        if called and all(isinstance(one, str) for one in called) and len(set(called)) == len(called):
-            return [f"{name}.{one}" for one in called]
+        labels = [item.get(key) if isinstance(item, dict) else None for item in items]
+        if labels and all(isinstance(label, str) for label in labels) and len(set(labels)) == len(labels):
+            return [f"{name}.{label}" for label in labels]
     return counted_names(name, len(items))
 
 

@@ -64,8 +64,8 @@ class Layout:
 def _numbers(whole: NDArray[np.uint8], places: IntArray, kind: str) -> FloatArray:
     """(m, c): numbers of a kind at places of bytes (m, size)."""
     width = np.dtype(kind).itemsize
-    found = whole[:, places[:, None] + np.arange(width)]
-    return np.asarray(np.ascontiguousarray(found).view(kind)[..., 0])
+    chunks = whole[:, places[:, None] + np.arange(width)]
+    return np.asarray(np.ascontiguousarray(chunks).view(kind)[..., 0])
 
 
 class Message(Protocol):
@@ -97,7 +97,7 @@ def learned(
         What is read of a message.
     """
     marked = [_Marks(fields, which).marked(message) for which in (0, 1)]
-    first, second = (np.frombuffer(written(one), dtype=np.uint8) for one in marked)
+    first, second = (np.frombuffer(written(copy), dtype=np.uint8) for copy in marked)
     own = np.frombuffer(data, dtype=np.uint8)
     if not len(first) == len(second) == len(own):
         return None
@@ -108,8 +108,8 @@ def learned(
     raw = first.tobytes()
     places = [raw.find(struct.pack("<d", value)) for value in values]
     words = None if stamp is None else tuple(raw.find(struct.pack("<I", number)) for number in stamp)
-    found = [*places, *(words or ())]
-    if min(found, default=-1) < 0 or len(set(found)) < len(found):
+    all_places = [*places, *(words or ())]
+    if min(all_places, default=-1) < 0 or len(set(all_places)) < len(all_places):
         return None
     where = None if words is None else (words[0], words[1])
     return Layout(own, common, tuple(names), np.array(places), where)
@@ -133,8 +133,8 @@ class _Marks:
             return self._number(value, of[0])
         inner = of[0]
         if isinstance(value, np.ndarray):
-            return np.array([self._number(one, inner[1][0]) for one in value], dtype=value.dtype)
-        return [self._value(one, inner) for one in value]
+            return np.array([self._number(element, inner[1][0]) for element in value], dtype=value.dtype)
+        return [self._value(element, inner) for element in value]
 
     def _number(self, value: Any, kind: str) -> Any:
         """A number for another; strings stay, which all messages share."""

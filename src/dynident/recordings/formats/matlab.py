@@ -89,9 +89,9 @@ def _variables(reader: _Reader, size: int) -> Iterator[_Element]:
 
 def _unpacked_size(file: IO[bytes], element: _Element, order: str) -> int:
     """Bytes that a compressed part unpacks to: it begins with a code and the size of what follows."""
-    read = _inflated(file, element)
+    next_bytes = _inflated(file, element)
     head = b""
-    while len(head) < 8 and (part := read(8 - len(head))):
+    while len(head) < 8 and (part := next_bytes(8 - len(head))):
         head += part
     if len(head) < 8:
         raise ValueError("a compressed part ends too early")

@@ -99,26 +99,32 @@ class _McapFile:
         from mcap.data_stream import ReadDataStream
         from mcap.records import Chunk, Message
 
-        wanted = {
+        known_channels = {
             key
             for key, channel in summary.channels.items()
             if channel.schema_id in summary.schemas and plain_type(summary.schemas[channel.schema_id].name) in KNOWN
         }
-        chunks = sorted(summary.chunks, key=lambda one: (one.message_start_time, one.chunk_start_offset))
+        chunks = sorted(summary.chunks, key=lambda index: (index.message_start_time, index.chunk_start_offset))
         # A file without indices of messages does not say which channels are in a chunk.
-        chunks = [one for one in chunks if not one.message_index_offsets or wanted & one.message_index_offsets.keys()]
-        kept: list[Any] = []
+        chunks = [
+            index
+            for index in chunks
+            if not index.message_index_offsets or known_channels & index.message_index_offsets.keys()
+        ]
+        messages: list[Any] = []
         file: Any = self._file
         for chunk, following in zip(chunks, [*chunks[1:], None], strict=True):
             file.seek(chunk.chunk_start_offset + _RECORD_HEAD)
             records = self._unpack(Chunk.read(ReadDataStream(file)))
-            kept += [one for one in records if isinstance(one, Message) and one.channel_id in wanted]
-            kept.sort(key=lambda one: one.log_time)
-            until = len(kept)
+            messages += [
+                message for message in records if isinstance(message, Message) and message.channel_id in known_channels
+            ]
+            messages.sort(key=lambda message: message.log_time)
+            until = len(messages)
             if following is not None:
-                until = bisect_right(kept, following.message_start_time, key=lambda one: one.log_time)
-            yield from filter(None, map(summary.find, kept[:until]))
-            del kept[:until]
+                until = bisect_right(messages, following.message_start_time, key=lambda message: message.log_time)
+            yield from filter(None, map(summary.find, messages[:until]))
+            del messages[:until]
 
     def _unindexed(self) -> Iterator[tuple[Any, Any, Any]]:
         """Read the known messages as they stand in the file, and put them in order among their neighbours."""
@@ -134,9 +140,9 @@ class _McapFile:
             records: list[Any] = self._unpack(stored) if isinstance(stored, Chunk) else [stored]
             for record in records:
                 registry.add(record)
-                known = registry.find(record) if isinstance(record, Message) else None
-                if known is not None:
-                    heapq.heappush(waiting, (record.log_time, next(number), known))
+                joint_message = registry.find(record) if isinstance(record, Message) else None
+                if joint_message is not None:
+                    heapq.heappush(waiting, (record.log_time, next(number), joint_message))
                 if len(waiting) > _AHEAD:
                     yield heapq.heappop(waiting)[2]
         while waiting:

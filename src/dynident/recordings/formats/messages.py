@@ -56,12 +56,12 @@ def samples_of(path: Path, name: str) -> Iterator[Samples]:
     RecordingError
         For a file that cannot be read.
     """
-    read = {"rosbag": ros1_messages, "rosbag2": ros2_messages, "mcap": mcap_messages}[name]
+    read_messages = {"rosbag": ros1_messages, "rosbag2": ros2_messages, "mcap": mcap_messages}[name]
     unpack = _Unpacker(ros1=name == "rosbag")
     undefined: dict[str, None] = {}
     any_read = False
     try:
-        for together in _together(read(path)):
+        for together in _together(read_messages(path)):
             topics: dict[str, list[PackedMessage]] = {}
             for packed in together:
                 if unpack.knows(packed):
@@ -69,7 +69,7 @@ def samples_of(path: Path, name: str) -> Iterator[Samples]:
                 else:
                     undefined[packed.type] = None
             any_read = any_read or bool(topics)
-            yield from (samples for one in topics.values() if (samples := unpack(one)).names)
+            yield from (samples for topic_messages in topics.values() if (samples := unpack(topic_messages)).names)
     except (ModuleNotFoundError, RecordingError):
         raise
     except Exception as error:  # the readers' own kinds of error are many, and are all about the file
@@ -122,14 +122,14 @@ class _Unpacker:
     def __call__(self, messages: Sequence[PackedMessage]) -> Samples:
         """Unpack messages of one topic."""
         parts: list[tuple[IntArray, FloatArray, tuple[str, ...], FloatArray]] = []
-        sizes = np.array([len(one.data) for one in messages])
-        stamps = np.array([one.stamp for one in messages]) * 1e-9
+        sizes = np.array([len(message.data) for message in messages])
+        stamps = np.array([message.stamp for message in messages]) * 1e-9
         for size in dict.fromkeys(sizes.tolist()):
             at = np.flatnonzero(sizes == size)
             group = [messages[int(k)] for k in at]
             layout = self._layout_of(group[0])
             if layout is not None:
-                alike, times, values = layout.read([one.data for one in group])
+                alike, times, values = layout.read([message.data for message in group])
                 parts.append((at[alike], times, layout.names, values))
                 at = at[~alike]
             for k in at.tolist():
@@ -138,13 +138,13 @@ class _Unpacker:
                 parts.append((np.array([k]), np.array([time]), tuple(names), np.asarray(numbers, dtype=np.float64)))
         columns = {name: place for place, name in enumerate(dict.fromkeys(name for part in parts for name in part[2]))}
         check_columns(len(columns))
-        whole, read = np.full((len(messages), len(columns)), np.nan), np.zeros(len(messages), dtype=bool)
+        whole, has_values = np.full((len(messages), len(columns)), np.nan), np.zeros(len(messages), dtype=bool)
         for at, times, names, values in parts:
             whole[at[:, None], [columns[name] for name in names]] = values
             # A stamp that nobody filled in is 0.
             stamps[at] = np.where(times == 0.0, stamps[at], times)
-            read[at] = bool(names)
-        return Samples(messages[0].topic.strip("/"), stamps[read], tuple(columns), whole[read])
+            has_values[at] = bool(names)
+        return Samples(messages[0].topic.strip("/"), stamps[has_values], tuple(columns), whole[has_values])
 
     def _layout_of(self, packed: PackedMessage) -> Layout | None:
         """How messages of a topic and of this length are laid out; None where one by one has to be unpacked."""
@@ -159,8 +159,8 @@ class _Unpacker:
                     packed.data,
                     message,
                     lambda kind: self._store.get_msgdef(kind).fields,
-                    lambda one: bytes(self._pack(one, packed.type)),
-                    lambda one: _read(packed.type, one),
+                    lambda content: bytes(self._pack(content, packed.type)),
+                    lambda content: _read(packed.type, content),
                 )
         return self._layouts[key]
 

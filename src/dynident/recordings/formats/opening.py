@@ -62,17 +62,17 @@ def format_of(path: Path) -> str:
     start = content.start(_LOOKED_AT)
     if not start:
         raise RecordingError("The file is empty.", title="Unreadable file")
-    found = next((name for first, name in _STARTS if start.startswith(first)), None)
-    if content.compression is not None and (found or START.search(start)):
+    detected = next((name for first, name in _STARTS if start.startswith(first)), None)
+    if content.compression is not None and (detected or START.search(start)):
         raise RecordingError(
-            f"The file is {found or 'rsi'}, compressed with {content.compression}; only text is unpacked on the way: "
-            "unpack the file first.",
+            f"The file is {detected or 'rsi'}, compressed with {content.compression}; only text is unpacked on the "
+            "way: unpack the file first.",
             title="Unreadable file",
         )
-    if found == "npz":
+    if detected == "npz":
         return "npz" if has_arrays(path) else "zip"
-    if found is not None:
-        return found
+    if detected is not None:
+        return detected
     _refuse_foreign(start)
     if json_records.START.search(start):
         return "jsonl"
@@ -81,9 +81,9 @@ def format_of(path: Path) -> str:
 
 def _refuse_foreign(start: bytes) -> None:
     """Say of files that are known and not read, what to do."""
-    for begin, what in _NOT_READ:
+    for begin, advice in _NOT_READ:
         if start.startswith(begin):
-            raise RecordingError(f"The file is {what}", title="Unreadable file")
+            raise RecordingError(f"The file is {advice}", title="Unreadable file")
 
 
 def open_source(path: Path, file_format: str | None, rate: float | None = None) -> FileSource:
@@ -113,22 +113,22 @@ def _open_source(path: Path, file_format: str | None) -> FileSource:
     parts = parts_of(path)
     if len(parts) > 1:
         return _join(path, parts)
-    found = format_of(path)
-    if file_format == "parquet" and found == "csv":
+    detected = format_of(path)
+    if file_format == "parquet" and detected == "csv":
         return ParquetFileSource(path)  # which says what is wrong with it
-    if file_format not in (None, found) and (found, file_format) != ("hdf5", "mat"):
+    if file_format not in (None, detected) and (detected, file_format) != ("hdf5", "mat"):
         raise RecordingError(
-            f'The file is {_WRITTEN.get(found, found)}, not {_WRITTEN.get(file_format, file_format)}; say "format": '
-            f'"{found}".',
+            f"The file is {_WRITTEN.get(detected, detected)}, not {_WRITTEN.get(file_format, file_format)}; say "
+            f'"format": "{detected}".',
             pointer="/format",
         )
-    if found == "parquet":
+    if detected == "parquet":
         return ParquetFileSource(path)
-    if found in ("csv", "jsonl"):
+    if detected in ("csv", "jsonl"):
         return open_text(TextContent(path))
-    if found == "zip":
+    if detected == "zip":
         return _join(path, parts)
-    return _open_foreign(path, found)
+    return _open_foreign(path, detected)
 
 
 def _join(path: Path, parts: list[Path]) -> FileSource:

@@ -15,10 +15,10 @@ from dynident.recordings.formats.stored import KnownLength
 def ros1_messages(path: Path) -> Iterator[PackedMessage]:
     """Give the messages that hold signals of joints, by their time."""
     with _reader(path) as reader:
-        wanted = [one for one in reader.connections if plain_type(one.msgtype) in KNOWN]
-        if not wanted:
+        connections = [candidate for candidate in reader.connections if plain_type(candidate.msgtype) in KNOWN]
+        if not connections:
             return
-        for connection, stamp, data in reader.messages(connections=wanted):
+        for connection, stamp, data in reader.messages(connections=connections):
             text = connection.msgdef.data
             yield PackedMessage(connection.topic, plain_type(connection.msgtype), text, stamp, bytes(data))
 

@@ -91,15 +91,15 @@ class JoinedFiles(FileSource):
 
     def _wanted(self, columns: list[str]) -> list[tuple[_Part, list[str]]]:
         """The files that are read, and which of their columns; that of the rows always."""
-        wanted = [(part, [name for name in columns if self._places.get(name) is part]) for part in self._parts]
-        return [(part, own) for part, own in wanted if own or part is self._main]
+        columns_of = [(part, [name for name in columns if self._places.get(name) is part]) for part in self._parts]
+        return [(part, own) for part, own in columns_of if own or part is self._main]
 
     def _read_at_times(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        wanted = self._wanted(columns)
+        parts = self._wanted(columns)
         size = rows_of_block(len(columns))
-        join = TimeJoin({part.name: Series(own, part.step) for part, own in wanted}, self._main.name, size)
-        streams = {part.name: part.blocks(own) for part, own in wanted}
-        names = {part.name: own for part, own in wanted}
+        join = TimeJoin({part.name: Series(own, part.step) for part, own in parts}, self._main.name, size)
+        streams = {part.name: part.blocks(own) for part, own in parts}
+        names = {part.name: own for part, own in parts}
         latest = dict.fromkeys(streams, -np.inf)
         while streams:
             behind = min(streams, key=lambda name: latest[name])
@@ -108,10 +108,10 @@ class JoinedFiles(FileSource):
                 del streams[behind]
                 continue
             t, values = block
-            there = np.isfinite(t)
-            if there.any():
-                join.add(behind, t[there], names[behind], values[there])
-                latest[behind] = float(t[there][-1])
+            has_time = np.isfinite(t)
+            if has_time.any():
+                join.add(behind, t[has_time], names[behind], values[has_time])
+                latest[behind] = float(t[has_time][-1])
             if join.is_full:
                 yield from self._batch(join.rows(), names, columns)
         yield from self._batch(join.rows(last=True), names, columns)
@@ -125,9 +125,9 @@ class JoinedFiles(FileSource):
         yield batch_of(values, columns)
 
     def _read_rows(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        wanted = self._wanted(columns)
-        streams = [part.blocks(own) for part, own in wanted]
-        waiting = [(np.empty(0), np.empty((0, len(own)))) for _, own in wanted]
+        parts = self._wanted(columns)
+        streams = [part.blocks(own) for part, own in parts]
+        waiting = [(np.empty(0), np.empty((0, len(own)))) for _, own in parts]
         n_rows = 0
         while True:
             ended = []
@@ -137,7 +137,7 @@ class JoinedFiles(FileSource):
                 ended.append(not len(waiting[place][0]))
             if any(ended):
                 if not all(ended):
-                    short, long = wanted[ended.index(True)][0].name, wanted[ended.index(False)][0].name
+                    short, long = parts[ended.index(True)][0].name, parts[ended.index(False)][0].name
                     raise RecordingError(
                         f"{short} ends after {n_rows} rows, and {long} goes on: files without a time of their own are "
                         "joined row by row, and need as many rows each.",
@@ -146,7 +146,7 @@ class JoinedFiles(FileSource):
                 return
             count = min(len(t) for t, _ in waiting)
             values: dict[str, FloatArray] = {}
-            for (part, own), (t, table) in zip(wanted, waiting, strict=True):
+            for (part, own), (t, table) in zip(parts, waiting, strict=True):
                 values |= {name: table[:count, place] for place, name in enumerate(own)}
                 if part is self._main and part.time is not None:
                     values[self._time] = t[:count]
@@ -206,7 +206,7 @@ def joined_source(path: Path, paths: Sequence[Path], open_text: Callable[[TextCo
         For files that are no text, or cannot be joined.
     """
     if len(paths) > 1:
-        return JoinedFiles([(one.name, open_text(TextContent(one))) for one in paths])
+        return JoinedFiles([(file.name, open_text(TextContent(file))) for file in paths])
     try:
         members = _members(path)
     except RecordingError:

@@ -76,8 +76,8 @@ class KnownLength:
 
     def read(self, size: int = -1) -> bytes:
         """Read at most so many bytes; all that are left where `size` is negative."""
-        left = max(self.size - self._file.tell(), 0)
-        return self._file.read(left if size < 0 else min(size, left))
+        n_left = max(self.size - self._file.tell(), 0)
+        return self._file.read(n_left if size < 0 else min(size, n_left))
 
     def readline(self, size: int = -1) -> bytes:
         """Read a line."""
@@ -140,11 +140,11 @@ class UnpackedFile:
         int, int
             Its first byte, and the first one behind it.
         """
-        start, left = self.file.seek(0, 2), size
-        while left and (part := read(min(_AT_ONCE, left))):
-            left -= len(part)
+        start, n_left = self.file.seek(0, 2), size
+        while n_left and (part := read(min(_AT_ONCE, n_left))):
+            n_left -= len(part)
             self.file.write(part)
-        if left:
+        if n_left:
             raise ValueError("a compressed part ends too early")
         self.file.flush()
         return start, start + size

@@ -62,8 +62,11 @@ def _has_nulls(metadata: pq.FileMetaData) -> bool:
     if not metadata.num_row_groups:
         return False
     group = metadata.row_group(0)
-    known = (group.column(k).statistics for k in range(group.num_columns))
-    return any(one is not None and one.has_null_count and bool(one.null_count) for one in known)
+    all_statistics = (group.column(k).statistics for k in range(group.num_columns))
+    return any(
+        statistics is not None and statistics.has_null_count and bool(statistics.null_count)
+        for statistics in all_statistics
+    )
 
 
 def _check_parquet(metadata: pq.FileMetaData, size: int) -> None:
@@ -100,11 +103,11 @@ class CsvFileSource(FileSource):
             try:
                 n_skipped = n_given
                 for batch in self._parsed(columns):
-                    rest = batch.slice(min(n_skipped, batch.num_rows))
-                    n_skipped -= batch.num_rows - rest.num_rows
-                    if rest.num_rows:
-                        n_given += rest.num_rows
-                        yield rest
+                    new = batch.slice(min(n_skipped, batch.num_rows))
+                    n_skipped -= batch.num_rows - new.num_rows
+                    if new.num_rows:
+                        n_given += new.num_rows
+                        yield new
                 return
             except pa.ArrowInvalid as error:
                 column = _column_of_words(str(error), self._dialect)
@@ -160,12 +163,12 @@ def _csv_error(message: str, dialect: Dialect) -> RecordingError:
     column = re.search(r"CSV column #(\d+)", message)
     number = int(row.group(1)) - dialect.lines_before_data if row else None
     name = dialect.names[int(column.group(1))] if column else ""
-    found = re.search(r"invalid value '(.*)'", message)
+    value = re.search(r"invalid value '(.*)'", message)
     where = (f" in column {name}" if name else "") + (f", row {number}" if number else "")
-    if found:
-        detail = f"{found.group(1)!r}{where} is not a number."
-        if "," in found.group(1) and dialect.delimiter == ",":
+    if value:
+        detail = f"{value.group(1)!r}{where} is not a number."
+        if "," in value.group(1) and dialect.delimiter == ",":
             detail += " With decimal commas, separate the columns by semicolons."
     else:
         detail = f"The file cannot be read as CSV{where}: {message.split(': ', 1)[-1]}"
-    return RecordingError(detail, pointer=name, title="Not a number" if found else "Unreadable file", row=number)
+    return RecordingError(detail, pointer=name, title="Not a number" if value else "Unreadable file", row=number)

@@ -53,8 +53,8 @@ class TelegramSource(FileSource):
         rows: list[list[float]] = []
         most = min(_BLOCK_ROWS, rows_of_block(len(columns)))
         for number, telegram in enumerate(_telegrams(self._path)):
-            found = _numbers(telegram, number)
-            rows.append([found.get(name, np.nan) for name in columns])
+            values = _numbers(telegram, number)
+            rows.append([values.get(name, np.nan) for name in columns])
             if len(rows) == most:
                 yield _batch(rows, columns)
                 rows = []
@@ -86,16 +86,16 @@ def _numbers(telegram: bytes, number: int) -> dict[str, float]:
         root = ElementTree.fromstring(telegram)
     except ElementTree.ParseError as error:
         raise RecordingError(f"Telegram {number + 1} is no XML: {error}.", title=TITLE, row=number + 1) from error
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for element in root.iter():
         texts = {f"{element.tag}.{key}": text for key, text in element.attrib.items()}
         texts[element.tag] = element.text or ""
         for name, text in texts.items():
             try:
-                found.setdefault(name, float(text))
+                values.setdefault(name, float(text))
             except ValueError:
                 continue
-    return found
+    return values
 
 
 def telegram_source(path: Path) -> TelegramSource:
