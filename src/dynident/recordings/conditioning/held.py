@@ -1,4 +1,4 @@
-"""Samples that are repeated until the next one comes: a log that is faster than what it reads."""
+"""Held samples: a log that is faster than its source repeats each sample until the next one comes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST_RESTS = 0.5
 
 
 class HeldSamples:
-    """Puts what lies between the samples in the place of repeated ones."""
+    """Interpolates between the true samples in place of repeated ones."""
 
     name = "held_samples"
 
@@ -29,7 +29,7 @@ class HeldSamples:
         self._n_rows = 0
 
     def apply(self, window: Window) -> None:
-        """Replace repeated samples in a window where all signals come in holds."""
+        """Replace repeated samples in a window in which all signals come in holds."""
         needed = np.flatnonzero(self._signals.needed)
         values = window.values[:, needed]
         same = np.zeros(len(values), dtype=bool)
@@ -39,6 +39,8 @@ class HeldSamples:
         longest = max(2, round(LONGEST_HOLD / self._signals.step))
         short = stops - starts <= longest
         changes = np.count_nonzero(~same)
+        # Single repeated rows happen in any log of a coarse encoder: only a log whose changes mostly follow a hold is
+        # one of held samples.
         if not len(starts) or np.count_nonzero(short) < MOST_RESTS * changes:
             return
         for start, stop in zip(starts[~short], stops[~short], strict=True):
@@ -56,7 +58,7 @@ class HeldSamples:
         self._found.add(int(needed[0]), own, window.t[own - 1 - window.first_row])
 
     def checks(self) -> list[Check]:
-        """Say at which rate the samples really come."""
+        """Report at which rate samples really come."""
         rows = self._found
         if not rows.n:
             return [Check(self.name, "ok", "No signals are held between their samples.")]
