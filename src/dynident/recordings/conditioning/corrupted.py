@@ -91,7 +91,8 @@ class CorruptedSamples:
         """Return which rows of a torque may have been measured after all.
 
         Those are rows without a value that stands in for lost samples, where other torques swing (m,) as well
-        (something has happened to the robot), or where the joint reverses and the torque is no farther off than friction jumps there.
+        (something has happened to the robot), or where the joint reverses and the torque is no
+        farther off than friction jumps there.
         """
         x = window.values[:, column].copy()
         values, counts = np.unique(x[rows], return_counts=True)

@@ -193,9 +193,9 @@ def _blocks(course: Course, starts: IntArray, length: int) -> tuple[IntArray, Fl
     uneven = np.abs(np.diff(t[around], axis=1) - course.step).max(axis=1)
     if course.smooth:
         speed = np.abs(anchor_values[:, 2] - anchor_values[:, 1]) / np.maximum(at[:, 2] - at[:, 1], 1e-12)
-        # A stamp that comes late moves the whole course by as much as the joint goes in that time.
+        # The longer a block is, the less exactly its samples are interpolated. And a stamp that comes late moves the
+        # whole course by as much as the joint goes in that time.
         least = least * 0.5 * (length + 1) + 2.0 * speed * uneven
-    # A smooth signal is extrapolated over the block: the longer it is, the less exactly.
     far = np.abs(off) > least[:, None]
     is_off_course = goes_on & far[:, 0] & far[:, -1]
     if not course.smooth:

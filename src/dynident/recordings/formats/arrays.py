@@ -1,4 +1,4 @@
-"""Files that hold arrays by name: those of one length are the columns of the recording."""
+"""Files that hold arrays by name (MAT, HDF5, NumPy): arrays of one common length are the columns of the recording."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ FEWEST_ROWS = 8
 
 @dataclass(frozen=True, eq=False)
 class StoredArray:
-    """One array of a file: its name, its shape (one or two axes), and what reads it from `first` to `last`.
+    """One array of a file: its name, its shape (one or two axes), and the function that reads a part of it.
 
-    `read` takes the axis that the rows run along, and gives (rows, width) or (rows,).
+    `read(first, last, axis)` takes the axis that the rows run along, and returns (rows, width) or (rows,).
     """
 
     name: str
@@ -52,6 +52,7 @@ class ArrayFileSource(FileSource):
         if not arrays:
             raise RecordingError("The file holds no arrays of numbers with rows.", title=TITLE)
         self._length = _length(arrays)
+        # The common group is stripped of names before arrays of other lengths, settings mostly, are left out.
         prefix = _prefix([array.name for array in arrays])
         arrays = [array for array in arrays if self._length in array.shape]
         check_columns(sum(math.prod(array.shape) // self._length for array in arrays))
@@ -66,6 +67,7 @@ class ArrayFileSource(FileSource):
         super().__init__(list(self._places))
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        # Arrays of several columns are read once for each block, not once for each column.
         step = rows_of_block(len(self._places))
         for first in range(0, self._length, step):
             last = min(first + step, self._length)
@@ -81,6 +83,7 @@ class ArrayFileSource(FileSource):
 
 
 def _rows(place: _Placed, first: int, last: int) -> FloatArray:
+    """Read the rows of an array, and say which array it is if that fails."""
     try:
         return place.stored.read(first, last, place.axis).reshape(last - first, -1)
     except (OSError, RuntimeError, TypeError, ValueError, ArithmeticError) as error:
@@ -92,7 +95,7 @@ def _rows(place: _Placed, first: int, last: int) -> FloatArray:
 
 
 def _length(arrays: Sequence[StoredArray]) -> int:
-    """The number of rows: the length that most columns share, and of these the largest.
+    """Return the number of rows: the length that most columns share, and of these the largest.
 
     It is the longer side of one array at the least: a recording has more rows than signals.
     """
@@ -101,12 +104,13 @@ def _length(arrays: Sequence[StoredArray]) -> int:
     for array in arrays:
         for axis, size in enumerate(array.shape):
             if size >= FEWEST_ROWS and size in longer:
+                # A square or wide array of settings may have many columns: it counts as no more than 64.
                 shared[size] += min(64, array.shape[1 - axis]) if len(array.shape) == 2 else 1
     return max(shared, key=lambda size: (shared[size], size))
 
 
 def _prefix(names: Sequence[str]) -> str:
-    """The group that all arrays are in, which says nothing."""
+    """Return the group that all arrays are in, which says nothing."""
     if len(names) < 2:
         return ""
     shortest = min(names, key=len)

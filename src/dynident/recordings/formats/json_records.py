@@ -48,13 +48,14 @@ Value = float | str | None
 
 
 class RecordSource(FileSource):
-    """Records of a file, a row each."""
+    """The records of a JSON file, a row each."""
 
     sample_rows = 16_000
     """They are taken apart one by one: of more rows a look would take seconds."""
 
     def __init__(self, content: TextContent) -> None:
         self._content = content
+        # Columns are learned from the first records; keys that come up later are not read.
         head: list[dict[str, Value]] = []
         columns: dict[str, None] = {}
         values = 0
@@ -93,6 +94,15 @@ class RecordSource(FileSource):
 def json_source(content: TextContent) -> FileSource:
     """Open a file of JSON.
 
+    Parameters
+    ----------
+    content : TextContent
+
+    Returns
+    -------
+    FileSource
+        An `ArrayFileSource` for one object with an array for every signal, else a `RecordSource`.
+
     Raises
     ------
     RecordingError
@@ -107,7 +117,7 @@ def json_source(content: TextContent) -> FileSource:
 
 
 def _records(content: TextContent) -> Iterator[object]:
-    """The records one by one; those of a single object are the longest array of objects in it."""
+    """Yield the records one by one; those of a single object are the longest array of objects in it."""
     objects = _objects(content)
     first, second = next(objects, None), next(objects, None)
     if second is None and isinstance(first, dict):
@@ -120,13 +130,14 @@ def _records(content: TextContent) -> Iterator[object]:
 
 
 def _objects(content: TextContent) -> Iterator[object]:
-    """The values that stand one behind another; one that is cut off at the end of the file is none."""
+    """Yield the values that stand one behind another; one that the end of the file cuts off is left out."""
     decoder = json.JSONDecoder()
     decode = codecs.getincrementaldecoder("utf-8-sig")(errors="replace").decode
     text, place, number, at_end = "", 0, 0, False
     with content.open() as file:
         while True:
             following = _NEXT.search(text, place)
+            # Between values there may be white space and commas, as in an array.
             place = len(text) if following is None else following.start()
             if number == 0 and text.startswith("[", place):
                 place += 1  # one array around all records
@@ -136,6 +147,8 @@ def _objects(content: TextContent) -> Iterator[object]:
                 # An array is closed behind its last record.
                 value, end = decoder.raw_decode(text, place) if not text.startswith("]", place) else (None, place + 1)
             except (ValueError, RecursionError) as error:
+                # Python's decoder cannot go on where it stopped: more text is read and the value begun again. Reading
+                # at least as much as is waiting keeps the total work proportional to the size.
                 n_left, row = len(text) - place, max(number, 1)
                 if at_end and (not n_left or (number > 1 and _is_cut_off(error, text))):
                     return
@@ -161,7 +174,7 @@ def _objects(content: TextContent) -> Iterator[object]:
 
 
 def _is_cut_off(error: Exception, text: str) -> bool:
-    """Whether what is no JSON may become some with the text that follows."""
+    """Return whether text that is no JSON may become some with the text that follows."""
     if not isinstance(error, json.JSONDecodeError):
         return False
     is_open = error.msg.startswith("Unterminated string") and "\n" not in text[error.pos :]
@@ -169,7 +182,7 @@ def _is_cut_off(error: Exception, text: str) -> bool:
 
 
 def _flat(record: object) -> dict[str, Value]:
-    """Give the values of a record by the way to them."""
+    """Return the values of a record by the path to them."""
     values: dict[str, Value] = {}
     _collect(record, "", values, 0)
     return values
@@ -193,7 +206,7 @@ def _collect(value: object, name: str, values: dict[str, Value], depth: int) -> 
 
 
 def _names_of_items(name: str, items: Sequence[object]) -> Sequence[str]:
-    """Count the items of an array, or call them as they say that they are called."""
+    """Return names for the items of an array: their own (keys such as "name"), else numbers."""
     for key in _NAMES:
         labels = [item.get(key) if isinstance(item, dict) else None for item in items]
         if labels and all(isinstance(label, str) for label in labels) and len(set(labels)) == len(labels):
@@ -209,7 +222,7 @@ def _number(value: Any) -> float:
 
 
 def _arrays(value: Mapping[str, Any], name: str, depth: int) -> Iterator[StoredArray]:
-    """The arrays of numbers in an object that holds one for every signal."""
+    """Yield the arrays of numbers in an object that holds one for every signal."""
     if depth > DEEPEST:
         raise RecordingError(f"{name[:60]} lies deeper than {DEEPEST} objects inside each other.", title=TITLE)
     for key, inner in value.items():
@@ -228,7 +241,7 @@ def _arrays(value: Mapping[str, Any], name: str, depth: int) -> Iterator[StoredA
 
 
 def _has_rows(values: list[Any]) -> bool:
-    """Whether an array, or the first in it, is long enough for a signal of numbers."""
+    """Return whether an array, or the first array in it, is long enough for a signal of numbers."""
     first = values[0] if values else None
     inner = len(first) if isinstance(first, list) else 0
     return max(len(values), inner) >= FEWEST_ROWS and not isinstance(first, (dict, str))

@@ -1,4 +1,4 @@
-"""The messages of a bag that hold signals of joints, as samples: a topic, times, names and values."""
+"""Messages of a bag that hold signals of joints, as samples: a topic, times, names and values."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ with more are made to fill a memory, or are read one message after another."""
 
 
 class Samples(NamedTuple):
-    """What messages of one topic say: times (m,) in s, and values (m, c) by field and joint; NaN where one has none."""
+    """Samples of one topic: times (m,) in s, and values (m, c) by field and joint; NaN if a message lacks one."""
 
     topic: str
     times: FloatArray
@@ -49,7 +49,16 @@ class Samples(NamedTuple):
 
 
 def samples_of(path: Path, name: str) -> Iterator[Samples]:
-    """Read the messages that hold signals of joints, in the order of the file but for those of other topics.
+    """Read the messages that hold signals of joints, topic by topic in parts, otherwise in the order of the file.
+
+    Parameters
+    ----------
+    path : path
+    name : "rosbag", "rosbag2" or "mcap"
+
+    Yields
+    ------
+    Samples
 
     Raises
     ------
@@ -83,7 +92,7 @@ def samples_of(path: Path, name: str) -> Iterator[Samples]:
 
 
 def _together(messages: Iterator[PackedMessage]) -> Iterator[list[PackedMessage]]:
-    """The messages in parts, none of many messages or many bytes."""
+    """Yield the messages in lists, none of many messages or many bytes."""
     part: list[PackedMessage] = []
     size = 0
     for message in messages:
@@ -105,7 +114,7 @@ def _together(messages: Iterator[PackedMessage]) -> Iterator[list[PackedMessage]
 
 
 class _Unpacker:
-    """Unpacks messages, with the types that the file defines beside those that ROS brings."""
+    """Unpacks messages, with the types that the file defines and those that ROS brings."""
 
     def __init__(self, *, ros1: bool) -> None:
         from rosbags.typesys import Stores, get_typestore
@@ -116,7 +125,7 @@ class _Unpacker:
         self._layouts: dict[tuple[str, int], Layout | None] = {}
 
     def knows(self, packed: PackedMessage) -> bool:
-        """Whether ROS or the file says how a message is built."""
+        """Return whether ROS or the file defines the type of a message."""
         return bool(packed.definition) or packed.type in self._store.types
 
     def __call__(self, messages: Sequence[PackedMessage]) -> Samples:
@@ -124,6 +133,7 @@ class _Unpacker:
         parts: list[tuple[IntArray, FloatArray, tuple[str, ...], FloatArray]] = []
         sizes = np.array([len(message.data) for message in messages])
         stamps = np.array([message.stamp for message in messages]) * 1e-9
+        # Messages of one length are mostly laid out alike, and read at once.
         for size in dict.fromkeys(sizes.tolist()):
             at = np.flatnonzero(sizes == size)
             group = [messages[int(k)] for k in at]
@@ -147,10 +157,11 @@ class _Unpacker:
         return Samples(messages[0].topic.strip("/"), stamps[has_values], tuple(columns), whole[has_values])
 
     def _layout_of(self, packed: PackedMessage) -> Layout | None:
-        """How messages of a topic and of this length are laid out; None where one by one has to be unpacked."""
+        """Return the layout of messages of this topic and length; None if each has to be unpacked."""
         key = (packed.topic, len(packed.data))
         if key not in self._layouts:
             message = self._message(packed)
+            # Stays so if nothing can be learned: no message of this kind is tried twice.
             self._layouts[key] = None
             if len(self._layouts) > _MOST_LAYOUTS or len(_read(packed.type, message)[0]) > _MOST_NAMES:
                 return None
@@ -171,11 +182,12 @@ class _Unpacker:
 
 
 def _read(kind: str, message: Any) -> Content:
-    """Names and values of a message, and the time that it is stamped with, if it is."""
+    """Return names and values of a message, and its stamp, if it has one."""
     names, values = _content(kind, message)
     header = getattr(message, "header", None)
     if header is not None:
         return names, values, (header.stamp.sec, header.stamp.nanosec)
+    # KUKA's LBR messages carry their time in two fields of their own.
     if hasattr(message, "time_stamp_nano_sec"):
         return names, values, (message.time_stamp_sec, message.time_stamp_nano_sec)
     return names, values, None
@@ -230,7 +242,7 @@ def _of_joints(joints: Any, message: Any) -> tuple[Sequence[str], FloatArray]:
 
 @lru_cache(maxsize=64)
 def _names_of(joints: tuple[str, ...], counts: tuple[tuple[str, int], ...]) -> tuple[str, ...]:
-    """One and the same for all messages of a topic, which are many."""
+    """Return the column names; the same object for all messages of a topic, which are many."""
     return tuple(f"{field}_{joint}" for field, count in counts for joint in joints[:count])
 
 

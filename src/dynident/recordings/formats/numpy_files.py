@@ -25,7 +25,17 @@ _BROKEN = (
 
 
 def numpy_source(path: Path, name: str) -> ArrayFileSource:
-    """Open a .npy file (an array of numbers, or of records with named fields) or a .npz archive of arrays.
+    """Open a .npy file or a .npz archive.
+
+    Parameters
+    ----------
+    path : path
+    name : "npy" or "npz"
+        An array of numbers (or of records with named fields), or an archive of arrays.
+
+    Returns
+    -------
+    ArrayFileSource
 
     Raises
     ------
@@ -77,14 +87,14 @@ def _archived(path: Path) -> list[StoredArray]:
 
 
 def _start_of(file: IO[bytes], member: ZipInfo) -> int:
-    """The first byte of a member of an archive: behind its header, whose last two parts may be of any length."""
+    """Return the first byte of a member of an archive: behind its header, with two parts of any length."""
     file.seek(member.header_offset + 26)
     lengths = file.read(4)
     return member.header_offset + 30 + int.from_bytes(lengths[:2], "little") + int.from_bytes(lengths[2:], "little")
 
 
 def _place(file: IO[bytes], start: int, end: int) -> Place | None:
-    """Where an array lies whose description begins at `start`; None for one of other things than numbers."""
+    """Return where an array lies whose description begins at `start`; None for one of other things than numbers."""
     file.seek(start)
     bounded: Any = KnownLength(file)
     version = numpy_format.read_magic(bounded)

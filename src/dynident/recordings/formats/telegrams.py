@@ -1,4 +1,4 @@
-"""Telegrams of KUKA's RobotSensorInterface as they came: `<Rob …>…</Rob>`, each in a line or in several.
+"""Logs of KUKA's RobotSensorInterface (RSI): telegrams `<Rob …>…</Rob>`, each in a line or in several.
 
 Attributes are columns (`AIPos.A1`), and so are elements that hold a number (`IPOC`). Whatever stands between the
 telegrams, stamps of a logger or the answers `<Sen …>`, is passed over.
@@ -68,7 +68,7 @@ def _batch(rows: list[list[float]], columns: list[str]) -> pa.RecordBatch:
 
 
 def _telegrams(path: Path) -> Iterator[bytes]:
-    """The telegrams one by one, of a file of any size; one that is cut off at the end is none."""
+    """Yield the telegrams of a file of any size one by one; one that the end cuts off is left out."""
     waiting = b""
     with path.open("rb") as file:
         while part := file.read(_READ_BYTES):
@@ -78,6 +78,7 @@ def _telegrams(path: Path) -> Iterator[bytes]:
                 begins = text.rfind(_BEGIN)
                 if START.match(text, max(begins, 0)):
                     yield text[begins:] + _END
+            # A file without any end of a telegram must not fill the memory.
             waiting = waiting[-_LONGEST_BYTES:]
 
 
