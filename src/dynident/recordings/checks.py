@@ -1,4 +1,4 @@
-"""All checks of a recording in one place, and what a finding means for the file as a whole."""
+"""Run all checks of a recording, and decide what their findings mean for the file as a whole."""
 
 from __future__ import annotations
 
@@ -22,9 +22,26 @@ def run_checks(
     metadata: RecordingMetadata,
     against: ModelChecks | None = None,
 ) -> tuple[Check, ...]:
-    """Run the checks of motion and torque, `against` the robot among them, and judge them together with those of time.
+    """Run the checks of motion and torque, and take them together with those made while reading.
 
     Findings of checks that the user has accepted by name count as warnings, and are marked.
+
+    Parameters
+    ----------
+    recording : Recording
+    sample : RawSample
+        Raw rows from all over the recording.
+    layout : Layout
+    limits : one a joint
+    earlier_checks : tuple of Check
+        Made while the file was read: time, columns, conditioning.
+    metadata : RecordingMetadata
+    against : ModelChecks, optional
+        What a model of the robot says of order and signs of the columns.
+
+    Returns
+    -------
+    tuple of Check
 
     Raises
     ------

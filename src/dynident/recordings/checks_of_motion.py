@@ -1,4 +1,4 @@
-"""Checks of positions: standstill, joints that never moved, units, limits, quantisation, velocity beside position."""
+"""Checks of positions: standstill, joints that never moved, units, limits, quantisation, agreement with velocities."""
 
 from __future__ import annotations
 
@@ -36,7 +36,19 @@ STEPS_WANTED = 1000
 def motion_checks(
     recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
 ) -> list[Check]:
-    """Check the positions of the windows' rows, as they were measured."""
+    """Check the positions of the rows inside the windows, as they were measured.
+
+    Parameters
+    ----------
+    recording : Recording
+    sample : RawSample
+    layout : Layout
+    limits : one a joint
+
+    Returns
+    -------
+    list of Check
+    """
     if sample.used.sum() < 2:
         return [Check("length", "error", "The windows hold fewer than 2 rows; give wider ones.", layout.t.source)]
     positions = _Seen(sample, limits)
@@ -51,12 +63,13 @@ def motion_checks(
 
 
 class _Seen:
-    """Positions of the used rows and what follows from them directly."""
+    """Positions of the used rows, with their ranges and spans."""
 
     def __init__(self, sample: RawSample, limits: tuple[JointLimits, ...]) -> None:
         used = sample.used
         self.row, self.t, self.q = sample.row[used], sample.t[used], sample.q[used]
         self.dq = None if sample.dq is None else sample.dq[used]
+        # Rows next to each other in the sample may be far apart in the file: no difference is taken across.
         self.joined = sample.joined[used] & np.concatenate([[False], np.diff(self.row) == 1])
         self.low, self.high = self.q.min(axis=0), self.q.max(axis=0)
         self.span = self.high - self.low
@@ -64,7 +77,7 @@ class _Seen:
         self.moved: BoolArray = self.span > kinds
 
     def derivative(self) -> tuple[FloatArray, BoolArray]:
-        """Give central differences (m, n) and the rows (m,) that have both neighbours."""
+        """Return central differences (m, n), and which rows (m,) have both neighbours."""
         inner = np.zeros(len(self.t), dtype=bool)
         inner[1:-1] = self.joined[1:-1] & self.joined[2:]
         speed = np.zeros_like(self.q)
@@ -90,7 +103,7 @@ def _length(recording: Recording, layout: Layout) -> Check:
 
 
 def _standstill(recording: Recording, positions: _Seen, layout: Layout) -> Check:
-    """How much of its time every joint stands: information, since its rows there are left out by themselves."""
+    """Report how much of its time every joint stands; its rows there are left out anyway."""
     if not positions.moved.any():
         return Check(
             "standstill",
@@ -134,6 +147,7 @@ def _moved(recording: Recording, positions: _Seen, layout: Layout) -> Check:
 
 def _units(recording: Recording, positions: _Seen, layout: Layout, limits: tuple[JointLimits, ...]) -> Check:
     speed, inner = positions.derivative()
+    # Not the maximum: a single corrupted sample would make any joint too fast.
     fastest = np.percentile(np.abs(speed[inner]), 99.0, axis=0) if inner.any() else np.zeros(recording.n)
     doubtful: Check | None = None
     for joint, limit in enumerate(limits):
@@ -186,14 +200,14 @@ def _units(recording: Recording, positions: _Seen, layout: Layout, limits: tuple
 
 
 def _of_all_alike(kind: str, unit: str, limit: JointLimits, limits: tuple[JointLimits, ...]) -> dict[str, str]:
-    """A unit of the signals of all joints of one kind."""
+    """Return the units of a signal of all joints of one kind."""
     if all(other.kind == limit.kind for other in limits):
         return {kind: unit}
     return {f"{kind}{k + 1}": unit for k, other in enumerate(limits) if other.kind == limit.kind}
 
 
 def _other_unit(limit: JointLimits, low: float, high: float, rate: float, small: float) -> bool:
-    """Tell whether a position makes sense in degrees (millimetres), and none in ours."""
+    """Return whether a position makes sense in degrees (millimetres), and none in radians (metres)."""
     if limit.position is not None:
         lower, upper = limit.position
         slack = 0.1 * (upper - lower)
@@ -206,7 +220,7 @@ def _other_unit(limit: JointLimits, low: float, high: float, rate: float, small:
 
 
 def _is_counted(limit: JointLimits, low: float, high: float) -> bool:
-    """Tell whether an angle is far from a joint's, in degrees as well."""
+    """Return whether an angle is far from any that a joint takes, in degrees as well."""
     if limit.kind != "revolute":
         return False
     farthest = max(abs(low), abs(high))
@@ -216,6 +230,7 @@ def _is_counted(limit: JointLimits, low: float, high: float) -> bool:
 
 
 def _quantisation(recording: Recording, positions: _Seen, layout: Layout) -> Check:
+    # A joint that hardly moves passes few steps of any encoder: that says nothing of the log.
     counting = positions.moved & (positions.span > 0.05 * positions.span.max())
     steps = [_step(positions.q[:, joint]) if counting[joint] else 0.0 for joint in range(recording.n)]
     levels = [positions.span[joint] / step if step else np.inf for joint, step in enumerate(steps)]
@@ -242,9 +257,10 @@ def _quantisation(recording: Recording, positions: _Seen, layout: Layout) -> Che
 
 
 def _step(values: FloatArray) -> float:
-    """Give the step that a signal comes in, 0 where it shows none."""
+    """Return the step that a signal comes in, 0 if it shows none."""
     levels = np.unique(values)
     levels = levels[np.concatenate([[True], np.diff(levels) > 1e-9 * max(float(np.ptp(values)), 1e-300)])]
+    # Hardly any value occurs twice: the signal is continuous, or noise is larger than the steps.
     if len(levels) < 3 or len(levels) > 0.5 * len(values):
         return 0.0
     gaps = np.diff(levels)
@@ -262,6 +278,7 @@ def _velocity(recording: Recording, positions: _Seen, layout: Layout) -> list[Ch
         logged, derivative = positions.dq[inner, joint], speed[inner, joint]
         if not np.isfinite(logged).all() or not logged.any() or not derivative.any():
             continue
+        # The correlation of the logged velocity with the derivative, without means: both are 0 at rest.
         alike = float(logged @ derivative / np.sqrt((logged @ logged) * (derivative @ derivative)))
         if abs(alike) < 0.7:
             continue

@@ -1,4 +1,4 @@
-"""Choosing the filters from the data: as wide as the motion needs, as narrow as the noise asks."""
+"""Choose the filters from the data: cut-offs as high as the motion needs, and as low as the noise demands."""
 
 from __future__ import annotations
 
@@ -74,6 +74,15 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     explained by filtered positions. Theirs lies half an octave higher, as far as that share stays below 1 % there. Rows
     are decimated to no less than 4 times the torque cut-off.
 
+    Parameters
+    ----------
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    Preprocessing
+        With the reasons for its values.
+
     Raises
     ------
     DynidentError
@@ -88,6 +97,8 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     motion = max(bands.motion for bands in all_bands)
     noisiest = min(all_bands, key=lambda bands: bands.noise)
     needed, ceiling = HARMONICS * motion, NYQUIST_SHARE * 0.5 * rate
+    # In this order: what the motion needs, but no more than noise allows, except for the least number of harmonics,
+    # and never beyond the Nyquist frequency.
     cutoff = _rounded(min(needed, max(noisiest.noise, LEAST_HARMONICS * motion), ceiling))
     wider = min(WIDER * needed, min(bands.little_noise for bands in all_bands), ceiling)
     position = max(cutoff, _rounded(wider))
@@ -107,7 +118,16 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
 
 
 def motion_band(recordings: Sequence[Recording]) -> float:
-    """Give the frequency in Hz below which 99 % of the velocity's power lies, as `choose_preprocessing` finds it.
+    """Return the frequency below which 99 % of the velocity's power lies, as `choose_preprocessing` finds it.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    float
+        Hz, the highest of the recordings.
 
     Raises
     ------
@@ -120,11 +140,17 @@ def motion_band(recordings: Sequence[Recording]) -> float:
 def preprocessing_from_request(
     request: Mapping[str, object] | str | None, recordings: Sequence[Recording]
 ) -> Preprocessing:
-    """Give the preprocessing that a user asked for; what the user left open is chosen from the data.
+    """Return the preprocessing that a user asked for; what the user left open is chosen from the data.
 
     Parameters
     ----------
-    request : mapping of any of position_cutoff, torque_cutoff, decimation, filter_order; "auto" or None: all open
+    request : mapping, "auto" or None
+        Any of position_cutoff, torque_cutoff, decimation, filter_order; "auto" or None leave all open.
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    Preprocessing
 
     Raises
     ------
@@ -192,7 +218,7 @@ _known: WeakKeyDictionary[Recording, _Bands] = WeakKeyDictionary()
 
 
 def _bands_of(recording: Recording) -> _Bands:
-    """The bands of a recording, found once: its spectra take as long as reading it."""
+    """Return the bands of a recording, computed once: its spectra take as long as reading it."""
     if recording not in _known:
         _known[recording] = _bands(spectra(recording))
     return _known[recording]
@@ -205,11 +231,13 @@ def _bands(averages: Spectra) -> _Bands:
     motion: list[float] = []
     limit: list[float] = []
     little: list[float] = []
+    # The motion's own power, without that of the noise.
     power = np.maximum(averages.velocity - noise, 0.0)
     moving = np.flatnonzero(power.sum(axis=0) > MOVING**2 * power.sum(axis=0).max())
     reach = LINES_APART * float(averages.frequency[3:][int(np.argmax(power[3:].sum(axis=1)))])
     slow = power[averages.frequency <= reach].sum(axis=0)
     for joint in moving:
+        # Of a joint that hardly moves, lines beyond a gap may be those of vibration.
         own_reach = reach if slow[joint] > CREEPING**2 * slow.max() else 0.0
         band = _band(averages.frequency, averages.velocity[:, joint], noise[:, joint], averages.windows, own_reach)
         if power[:band, joint].sum() <= 0.0:
@@ -217,6 +245,7 @@ def _bands(averages: Spectra) -> _Bands:
         below = np.cumsum(power[:band, joint]) / power[:band, joint].sum()
         motion.append(averages.frequency[int(np.searchsorted(below, MOTION_SHARE))])
         own = float((power[:band, joint] * gain[:band, 0]).sum())
+        # Noise in the acceleration, up to each frequency: its density grows with the fourth power of the frequency.
         spoiled = np.cumsum(noise[:, joint] * gain[:, 0])
         for share, limits in ((NOISE_SHARE, limit), (WIDER_NOISE_SHARE, little)):
             limits.append(averages.frequency[min(int(np.searchsorted(spoiled, share**2 * own)), len(gain) - 1)])
@@ -232,7 +261,7 @@ def _bands(averages: Spectra) -> _Bands:
 
 
 def _band(frequency: FloatArray, power: FloatArray, noise: FloatArray, windows: int, reach: float) -> int:
-    """Give the number of frequencies from 0 on, up to where the motion sinks into the noise and does not rise again.
+    """Return the number of frequencies, from 0 on, below which the motion is above the noise.
 
     A periodic motion is a row of lines a base frequency apart, with noise between them and below the first. A gap is
     therefore crossed where the lines within `reach` (Hz), `LINES_APART` times the frequency of the strongest one, which
@@ -240,6 +269,7 @@ def _band(frequency: FloatArray, power: FloatArray, noise: FloatArray, windows: 
     farther from the motion, or hold less.
     """
     first = 3
+    # The lowest frequencies hold what the taper leaks from zero.
     sunk = first + np.flatnonzero(power[first:] < SUNK * noise[first:])
     # A mean of so many squared normal pairs exceeds this in one of 10⁵ frequencies of noise alone.
     bar = max(SUNK, float(special.gammainccinv(windows, 1e-5)) / windows)
