@@ -1,4 +1,4 @@
-"""From a user's file or arrays to a canonical recording, in one streamed pass after the time column is known."""
+"""Import a recording, from a file or from arrays, into the canonical form: one streamed pass after the time column."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def import_recording(
     against: ModelChecks | None = None,
     progress: Progress = silent,
 ) -> tuple[Recording, tuple[Check, ...]]:
-    """Read a CSV or Parquet file, check it, and store it in SI units on a uniform grid as a canonical Parquet file.
+    """Read a user's file, check it, and store it in SI units on a uniform grid as a canonical Parquet file.
 
     The file is read twice in blocks (the time column first) and never held in memory. The result appears at
     `destination_path` only when everything is in order; after an error nothing is left there.
@@ -58,10 +58,11 @@ def import_recording(
     source_path, destination_path : path
     joints : RecordedJoints
         What the columns are of.
-    metadata : RecordingMetadata
-        What is said of the file.
+    metadata : RecordingMetadata, optional
+        What is known of the file.
     against : ModelChecks, optional
         What a model of the robot says of order and signs of the columns; without it friction alone tells.
+    progress : Progress
 
     Returns
     -------
@@ -81,9 +82,11 @@ def import_recording(
     layout = without_empty_torques(layout, file)
     source = RestartingSource(file)
     destination = Path(destination_path)
+    # In the same folder, so that the finished file takes its place in one step.
     with NamedTemporaryFile(dir=destination.parent, prefix=f".{destination.name}.", delete=False) as unfinished:
         temporary = Path(unfinished.name)
     try:
+        # The uniform grid needs the period before the first row can be resampled.
         base = scan_time(source, layout, metadata.windows, part(progress, 0.0, 0.2))
         windows = windows_without(metadata.windows, metadata.exclude, base.first, base.last)
         poses = read_poses(source, layout, base)
@@ -144,7 +147,7 @@ def _stored(path: Path, joint_names: tuple[str, ...], layout: Layout) -> Parquet
 
 @dataclass(frozen=True, eq=False)
 class FurtherColumns:
-    """What was recorded beside positions and torques, of all joints, or not at all.
+    """Signals that were recorded besides positions and torques, each of all joints, or not at all.
 
     Parameters
     ----------
@@ -175,7 +178,7 @@ def recording_from_arrays(
     windows: Windows = (),
     name: str = "recording",
 ) -> Recording:
-    """Make a recording of arrays in SI units, held in memory; the same way as a file, without the checks of motion.
+    """Make a recording, held in memory, of arrays in SI units, without conditioning and without checks of its motion.
 
     Parameters
     ----------
@@ -189,6 +192,10 @@ def recording_from_arrays(
     windows : pairs (from, to), optional
         Seconds of t to use.
     name : str
+
+    Returns
+    -------
+    Recording
 
     Raises
     ------
@@ -226,7 +233,7 @@ def recording_from_arrays(
 def condition_arrays(
     t: FloatArray, q: FloatArray, tau: FloatArray, joints: RecordedJoints, segment: IntArray | None = None
 ) -> tuple[FloatArray, FloatArray, tuple[Check, ...]]:
-    """Put right what a file's rows are put right in before its checks.
+    """Condition arrays as the rows of a file are conditioned before its checks.
 
     Parameters
     ----------
@@ -256,7 +263,7 @@ def condition_arrays(
 
 
 def scan_time(source: RawSource, layout: Layout, windows: Windows, progress: Progress = silent) -> TimeBase:
-    """First pass: the time column alone."""
+    """First pass: read the time column alone, and check the windows against it."""
     scan = TimeScan(layout.t.source)
     for rows in source.times(layout):
         scan.feed(rows)
@@ -283,7 +290,7 @@ def _convert(
     progress: Progress,
     conditioning: Conditioning | None = None,
 ) -> tuple[tuple[Segment, ...], RawSample]:
-    """Second pass: condition the rows and write them; keep a bounded sample of what was conditioned for the checks."""
+    """Second pass: condition the rows and write them; keep a bounded sample of them for the checks."""
     segmenter = Segmenter(layout, base, metadata.torque_delay)
     collector = SampleCollector(base.n_rows, len(layout.q), layout.kinds)
     blocks = source.rows(layout)
@@ -310,7 +317,7 @@ def _convert(
 
 @dataclass(frozen=True, eq=False)
 class _Arrays:
-    """Arrays that look like a file to the passes."""
+    """Arrays that the two passes read like a file."""
 
     t: FloatArray
     q: FloatArray

@@ -1,4 +1,4 @@
-"""What is said of a file, changed afterwards: another window, another order, a sign, a unit; the file stays."""
+"""Revise the metadata of a file: other windows, another order, a sign, a unit; the file itself stays as it is."""
 
 from __future__ import annotations
 
@@ -13,9 +13,19 @@ from dynident.recordings.types import Check, RecordingError
 
 
 def cured(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Sequence[str]) -> tuple[Check, ...]:
-    """Checks whose cures go on from what is said of the file already.
+    """Return checks whose proposed revisions take the present metadata into account.
 
-    A check sees the recording as it was read, and knows neither the order nor the signs nor the delay that were said.
+    A check sees the recording as it was read, and knows neither the order nor the signs nor the delay that were stated.
+
+    Parameters
+    ----------
+    checks : sequence of Check
+    metadata : RecordingMetadata
+    joint_names : sequence of str
+
+    Returns
+    -------
+    tuple of Check
     """
     return tuple(
         check if check.apply is None else replace(check, apply=after(check.apply, metadata, joint_names))
@@ -24,7 +34,19 @@ def cured(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Seq
 
 
 def after(revision: Revision, metadata: RecordingMetadata, joint_names: Sequence[str]) -> Revision:
-    """A revision that was found on the recording as it was read, as one of its file."""
+    """Return a revision of the recording as it was read as a revision of its file.
+
+    Parameters
+    ----------
+    revision : Revision
+        Found on the recording, to which the metadata were applied already.
+    metadata : RecordingMetadata
+    joint_names : sequence of str
+
+    Returns
+    -------
+    Revision
+    """
     before = Rearrangement(metadata, joint_names)
     n = before.n
     permutation = {
@@ -41,23 +63,37 @@ def after(revision: Revision, metadata: RecordingMetadata, joint_names: Sequence
                 value = new.get(f"{kind}{joint + 1}", 1.0) * stated(kind, column - 1)
                 if value != stated(kind, joint):
                     changed[f"{kind}{joint + 1}"] = value
+    # What was found comes on top of what was corrected while reading.
     delay = None if revision.torque_delay is None else metadata.torque_delay + revision.torque_delay
     exclude = None if revision.exclude is None else (*metadata.exclude, *revision.exclude)
     return replace(revision, permutation=permutation, signs=signs, scale=scale, torque_delay=delay, exclude=exclude)
 
 
 def windows_without(windows: Windows, exclude: Windows, first: float, last: float) -> Windows:
-    """Windows to use with some seconds of t left out; `first` and `last` are those of the recording.
+    """Return the windows to use when some seconds of t are excluded.
+
+    Parameters
+    ----------
+    windows : pairs (from, to) in s
+        Empty: all of the recording.
+    exclude : pairs (from, to) in s
+    first, last : float
+        Times of the recording's ends.
+
+    Returns
+    -------
+    pairs (from, to) in s
 
     Raises
     ------
     RecordingError
-        Where nothing is left.
+        If nothing is left.
     """
     remaining = [(float(start), float(end)) for start, end in (windows or ((first, last),))]
     if not exclude:
         return windows
     for start, end in exclude:
+        # Of every window, what lies before the excluded interval and what lies behind it; either may be empty.
         parts = [((a, min(b, start)), (max(a, end), b)) for a, b in remaining]
         remaining = [part for pair in parts for part in pair if part[1] > part[0]]
     if not remaining:
@@ -70,7 +106,7 @@ def windows_without(windows: Windows, exclude: Windows, first: float, last: floa
 
 
 class Rearrangement:
-    """Which joint's columns each joint reads, and the factor that they are taken by."""
+    """Which joint's columns each joint reads, and the factor that they are multiplied by."""
 
     def __init__(self, metadata: RecordingMetadata, joint_names: Sequence[str]) -> None:
         self._names = tuple(joint_names)
@@ -78,7 +114,7 @@ class Rearrangement:
         self._check()
 
     def read(self, kind: str, joint: int) -> int:
-        """The joint, from 0, whose column is read for a signal of a joint."""
+        """Return the joint, from 0, whose column is read for a signal of a joint."""
         group = _GROUPS.get(kind)
         order = None if group is None else self._metadata.permutation.get(group)
         return joint if order is None else order[joint] - 1
@@ -89,16 +125,16 @@ class Rearrangement:
         return len(self._names)
 
     def factor(self, kind: str, joint: int) -> float:
-        """What the column that is read is multiplied by, beside its unit."""
+        """Return what the column that is read is multiplied by, besides its unit."""
         group = _GROUPS.get(kind)
         return 1.0 if group is None else self.sign(group, joint) * self.scale(group, joint)
 
     def sign(self, group: str, joint: int) -> float:
-        """1 or -1 of a joint's position ("q") or torque ("tau")."""
+        """Return 1 or -1 for a joint's position ("q") or torque ("tau")."""
         return self._said(self._metadata.signs, group, joint)
 
     def scale(self, group: str, joint: int) -> float:
-        """The factor of a joint's position or torque."""
+        """Return the factor of a joint's position or torque."""
         return self._said(self._metadata.scale, group, joint)
 
     def _said(self, values: Mapping[str, float], group: str, joint: int) -> float:

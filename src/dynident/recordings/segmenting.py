@@ -1,4 +1,4 @@
-"""Conditioned rows, made into uniformly sampled segments: split at gaps."""
+"""Turn conditioned rows into uniformly sampled segments: split at gaps, resampled within."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Segmenter:
         self._first_stamp = 0.0
 
     def push(self, rows: RawRows) -> Iterator[GridRows]:
-        """Take the next rows; give the grid rows that are ready to be stored."""
+        """Take the next rows; yield the grid rows that are ready to be stored."""
         values = self._with_temperature(rows.values)
         numbers = np.all(are_readings(values[:, self._needed]), axis=1)
         new = self._without_repeats(rows, values)
@@ -90,11 +90,11 @@ class Segmenter:
             self._last = float(t[new_rows[-1]]), int(label[new_rows[-1]]), values[new_rows[-1]].copy()
 
     def finish(self) -> Iterator[GridRows]:
-        """End the recording."""
+        """End the recording; yield the last rows."""
         yield from self._end()
 
     def segments(self) -> tuple[Segment, ...]:
-        """Give the segments that were stored."""
+        """Return the segments that were stored."""
         return tuple(self._closed)
 
     def _begin(self, start: float, label: int) -> None:
@@ -106,6 +106,7 @@ class Segmenter:
     def _add(self, t: FloatArray, values: FloatArray) -> Iterator[GridRows]:
         assert self._resampler is not None
         if self._base.even is not None:
+            # Rounded stamps of an even clock: the clock's own times are closer to the truth.
             t = self._base.even.times(t, self._first_stamp)
         yield from self._store(self._resampler.push(t, values))
 
@@ -159,7 +160,7 @@ class Segmenter:
         return new
 
     def _with_temperature(self, values: FloatArray) -> FloatArray:
-        """Hold the last temperature where a slower thermometer left the rows between its readings empty."""
+        """Hold the last temperature where a slower thermometer left rows between its readings empty."""
         n = len(self._layout.q)
         if not self._layout.temperature:
             return values
@@ -172,6 +173,7 @@ class Segmenter:
                 continue
             if np.isnan(earlier):
                 earlier = held[readings[0], joint]
+            # The index of the last reading up to each row, by a running maximum; -1 before the first.
             latest = np.maximum.accumulate(np.where(np.isfinite(held[:, joint]), np.arange(len(held)), -1))
             held[:, joint] = np.where(latest >= 0, held[latest, joint], earlier)
         self._temperature = held[-1] if len(held) else self._temperature

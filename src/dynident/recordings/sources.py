@@ -1,4 +1,4 @@
-"""Where the rows of a recording are kept: the canonical Parquet file, or arrays."""
+"""Where the rows of a recording are read from: the canonical Parquet file, or arrays."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ArraySource:
     command: FloatArray | None = None
 
     def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
-        """Give the rows as one block: they are in memory anyway."""
+        """Yield the rows as one block: they are in memory anyway."""
         part = slice(first, first + length)
         optional = (_part(values, part) for values in (self.temperature, self.wrench, self.command))
         yield StoredRows(self.q[part], self.tau[part], *optional)
@@ -52,7 +52,7 @@ class ParquetSource:
     has_command: bool = False
 
     def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
-        """Stream `length` rows from row `first` on in blocks of at most `block_length`."""
+        """Yield `length` rows from row `first` on in blocks of at most `block_length`."""
         heat = stored_columns("temperature", self.joint_names) if self.has_temperature else ()
         wrench = stored_columns("wrench", self.joint_names) if self.has_wrench else ()
         q, tau = (stored_columns(kind, self.joint_names) for kind in ("q", "tau"))
@@ -79,12 +79,12 @@ class ParquetSource:
 
 
 def stored_columns(kind: str, joint_names: Sequence[str]) -> tuple[str, ...]:
-    """Name the columns of a kind of signal in the canonical file."""
+    """Return the names of the columns of a kind of signal in the canonical file."""
     return WRENCH_NAMES if kind == "wrench" else tuple(f"{kind}_{joint}" for joint in joint_names)
 
 
 def stacked(batch: pa.RecordBatch, columns: Sequence[str]) -> FloatArray:
-    """Give the named columns side by side (m, len(columns)), in the memory order that row-wise work likes."""
+    """Return the named columns side by side (m, len(columns)), each row contiguous."""
     result = np.empty((batch.num_rows, len(columns)))
     for index, column in enumerate(columns):
         result[:, index] = to_floats(batch.column(column))
@@ -92,7 +92,7 @@ def stacked(batch: pa.RecordBatch, columns: Sequence[str]) -> FloatArray:
 
 
 def _groups(metadata: pq.FileMetaData, first: int, length: int) -> tuple[list[int], int]:
-    """Give the row groups that hold the rows, and how many rows precede them."""
+    """Return the row groups that hold the rows, and how many rows precede them."""
     groups: list[int] = []
     start = skipped = 0
     for index in range(metadata.num_row_groups):
@@ -106,7 +106,7 @@ def _groups(metadata: pq.FileMetaData, first: int, length: int) -> tuple[list[in
 
 
 def describe(recording: Recording) -> bytes:
-    """Write what a canonical file says of itself besides its rows, as JSON."""
+    """Return what a canonical file says of itself besides its rows, as JSON."""
     content: dict[str, Any] = {
         "layout_version": LAYOUT_VERSION,
         "name": recording.name,
@@ -126,6 +126,15 @@ def describe(recording: Recording) -> bytes:
 
 def open_recording(path: Path | str) -> Recording:
     """Open a canonical recording that `import_recording` has stored.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Recording
+        Its rows stay in the file and are read when needed.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Tables in which signals have rows of their own: the cells of all others are empty there."""
+"""Tables in which each signal has rows of its own and leaves the cells of all others empty there."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class _Pattern:
 
 
 class SparseSource(FileSource):
-    """A table whose series were joined: the rows of the most frequent one, and the others read at their times."""
+    """A table whose series were joined: the rows of the most frequent one, the others read at their times."""
 
     def __init__(self, source: FileSource, pattern: _Pattern) -> None:
         self._source, self._pattern = source, pattern
@@ -123,7 +123,17 @@ class SparseSource(FileSource):
 
 
 def with_joined_rows(source: FileSource) -> FileSource:
-    """The same file with its series joined where they have rows of their own; else the same object."""
+    """Return the file with its series joined, if they have rows of their own.
+
+    Parameters
+    ----------
+    source : FileSource
+
+    Returns
+    -------
+    FileSource
+        The same object if nothing is to be joined.
+    """
     if not source.has_gaps:
         return source
     pattern = _pattern_of(source)
@@ -135,13 +145,14 @@ def _name_columns(columns: Sequence[str]) -> str:
 
 
 def _runs(t: FloatArray, latest: float, back: float) -> list[slice]:
-    """Rows between which the time goes back by more than `back`."""
+    """Return slices of rows between which the time goes back by more than `back`."""
     begins = np.flatnonzero(np.diff(t) < -back) + 1
     edges = [0, *begins.tolist(), len(t)]
     return [slice(first, last) for first, last in pairwise(edges)]
 
 
 def _pattern_of(source: FileSource) -> _Pattern | None:
+    """Return which columns have their rows together, from the first rows; None if all have all rows."""
     blocks, rows = [], 0
     for block in source.blocks():
         blocks.append(block[: _LOOKED_AT - rows])
@@ -152,6 +163,7 @@ def _pattern_of(source: FileSource) -> _Pattern | None:
         return None
     values = np.concatenate(blocks)
     has_value = np.isfinite(values)
+    # Time and row counters never go back and are never empty.
     running = has_value.all(axis=0) & (np.diff(values, axis=0) >= 0).all(axis=0) & (np.ptp(values, axis=0) > 0)
     time = _time_of(source.names, values, running)
     if time is None:
@@ -159,6 +171,7 @@ def _pattern_of(source: FileSource) -> _Pattern | None:
     t = values[:, time]
     patterns: dict[bytes, list[int]] = {}
     for column in np.flatnonzero(~running & (has_value.sum(axis=0) >= _FEWEST)).tolist():
+        # Columns that are filled in the same rows are one series.
         patterns.setdefault(np.packbits(has_value[:, column]).tobytes(), []).append(column)
     groups = sorted(patterns.values(), key=lambda columns: -has_value[:, columns[0]].sum())
     if not any(_alternates(has_value[:, columns[0]]) for columns in groups):
@@ -180,7 +193,7 @@ def _pattern_of(source: FileSource) -> _Pattern | None:
 
 
 def _alternates(has_value: BoolArray) -> bool:
-    """Whether a signal has a part of the rows, and these lie between the others, not in one stretch."""
+    """Return whether a signal has only part of the rows, and these lie between the others, not in one block."""
     present = int(has_value.sum())
     absent = len(has_value) - present
     begins = int((np.diff(has_value.astype(np.int8)) == 1).sum())
@@ -188,7 +201,7 @@ def _alternates(has_value: BoolArray) -> bool:
 
 
 def _time_of(names: Sequence[str], values: FloatArray, running: BoolArray) -> int | None:
-    """The column whose time the rows are joined on: one that never goes back, by its name, and no row counter."""
+    """Return the column of the time that rows are joined on: one that never goes back, and no row counter."""
     columns = np.flatnonzero(running).tolist()
     called = [column for column in columns if is_called_time(names[column])]
     even = [column for column in columns if not (np.diff(values[:, column]) == 1.0).all()]

@@ -1,4 +1,4 @@
-"""Time that stands in two columns, whole seconds and the nanoseconds within them: one more column, of both."""
+"""Time in two columns, whole seconds and the nanoseconds within them: joined to one more column."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _WORDS = ("sec", "secs", "seconds")
 
 
 def stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Columns that come in two, by what both together are called: `stamp.sec` and `stamp.nanosec` are `stamp.time`."""
+    """Return pairs of columns by their common name: `stamp.sec` and `stamp.nanosec` are `stamp.time`."""
     pairs = {}
     for name in names:
         match = _NANO.match(name)
@@ -29,7 +29,7 @@ def stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str]]:
 
 
 class StampedSource(FileSource):
-    """A file with the time of two columns in front of the others."""
+    """A file with the joined time of two columns in front of the others."""
 
     def __init__(self, source: FileSource, pairs: dict[str, tuple[str, str]]) -> None:
         self._source, self._pairs = source, pairs
@@ -53,6 +53,6 @@ class StampedSource(FileSource):
 
 
 def with_stamps(source: FileSource) -> FileSource:
-    """The same file, with the time where it stands in two columns."""
+    """Return the file with its time joined, if it stands in two columns; else the same object."""
     pairs = stamp_pairs(source.names)
     return StampedSource(source, pairs) if pairs else source

@@ -1,4 +1,4 @@
-"""What is said of the file of a recording, and what is said of it anew."""
+"""Metadata of a recording's file, as the user states them, and revisions of them."""
 
 from __future__ import annotations
 
@@ -203,7 +203,15 @@ class Revision:
     rate: float | None = anew(RecordingMetadata, "rate", default=None)
 
     def of(self, metadata: RecordingMetadata) -> RecordingMetadata:
-        """What is then said of the file.
+        """Return the metadata after this revision.
+
+        Parameters
+        ----------
+        metadata : RecordingMetadata
+
+        Returns
+        -------
+        RecordingMetadata
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""All samples of a recording at once, as columns: what was measured besides positions and torques, too."""
+"""All samples of a stored recording at once, as columns, with their units."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class StoredSamples:
 
 
 def stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -> StoredSamples:
-    """The stored samples of a recording, unfiltered and evenly sampled, all of them in memory.
+    """Return the stored samples of a recording, unfiltered and evenly sampled, all of them in memory.
 
     Columns, (m,) each: t in s, segment (the label of the run), q_<joint> in rad or m, tau_<joint> in N m or N, and
     where the file had them dq_<joint> in rad/s or m/s, ddq_<joint> in rad/s^2 or m/s^2, q_command_<joint> in rad or m,
@@ -38,6 +38,10 @@ def stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -> Sto
     recording : Recording
     kinds : "revolute" or "prismatic", one a joint
         Empty: they are not known, and joints count as revolute.
+
+    Returns
+    -------
+    StoredSamples
     """
     source = recording.source
     if isinstance(source, ParquetSource):
@@ -51,7 +55,20 @@ def stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -> Sto
 def signal_units(
     columns: Mapping[str, object], joints: Sequence[str], kinds: Sequence[JointKind] = ()
 ) -> dict[str, str]:
-    """The units of t, q_<joint>, dq_<joint> and the others, of those columns that are there."""
+    """Return the units of those columns that have one.
+
+    Parameters
+    ----------
+    columns : mapping
+        Names such as t, q_<joint>, dq_<joint>; what they map to does not matter.
+    joints : sequence of str
+    kinds : "revolute" or "prismatic", one a joint
+        Empty: joints count as revolute.
+
+    Returns
+    -------
+    dict
+    """
     units = {"t": our_unit("t", None)}
     units |= dict.fromkeys(WRENCH_NAMES[:3], our_unit("base_force", None))
     units |= dict.fromkeys(WRENCH_NAMES[3:], our_unit("base_moment", None))
