@@ -42,7 +42,7 @@ class Spectra:
 
 
 def spectra(recording: Recording) -> Spectra:
-    """Estimate the spectra from up to `MAX_WINDOWS` half-overlapping parts, evenly spread over the rows inside the windows.
+    """Estimate the spectra from at most `MAX_WINDOWS` half-overlapping parts, spread evenly over all windows.
 
     Parameters
     ----------
