@@ -140,7 +140,7 @@ class ParallelFilter:
         reach = self._band.shape[1]
         n_kept = len(self._rows)
         n_all = n_kept + len(rows)
-        # Whole tiles only, so that every output row is always computed by the same product.
+        # Whole tiles only: how rows are cut into blocks changes no output.
         n_tiles = max(0, (n_all - reach) // step + 1)
         # Tiles that begin among the rows kept from earlier blocks; all others lie in the new rows, read in place.
         n_border = min(n_tiles, ceil(n_kept / step))

@@ -50,7 +50,7 @@ def jump_from_row_to_row(q: FloatArray) -> bool:
     moves = np.ptp(q, axis=0) > _MOVES
     if not moves.any():
         return False
-    # A motion is smooth: its second differences are small against its span; those of unrelated poses are not.
+    # A motion is smooth: its second differences are small against its spread; those of unrelated poses are not.
     second = np.sqrt((np.diff(q[:, moves], n=2, axis=0) ** 2).mean(axis=0))
     return bool((second > _ROUGH * q[:, moves].std(axis=0)).mean() >= _SHARE)
 

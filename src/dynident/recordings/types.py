@@ -1,4 +1,4 @@
-"""A checked recording and its parts: SI units, joints in the robot's order, a uniform time grid in every segment."""
+"""A checked recording and its parts: SI units, joints in the robot's order, an even clock in every segment."""
 
 from __future__ import annotations
 
