@@ -1,4 +1,4 @@
-"""Is an identified model to be trusted: the validations of §12.7, each with a verdict and its reason."""
+"""Validate an identified model (§12.7): each validation ends with a verdict and its reason."""
 
 from __future__ import annotations
 
