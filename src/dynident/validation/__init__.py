@@ -51,5 +51,5 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    # Requests are declared in this package, too: reading one must not wait for the imports of the computation.
     __getattr__ = lazily(__name__)
