@@ -69,9 +69,9 @@ def _of_scores(scores: Sequence[FloatArray], signs: FloatArray) -> FloatArray:
     for width in {each.shape[1] for each in scores}:
         members = [k for k, each in enumerate(scores) if each.shape[1] == width]
         for first in range(0, len(members), _TOGETHER):
-            some = members[first : first + _TOGETHER]
-            values = _standardised(np.array([scores[k] for k in some]), signs)
-            own[some] = values[0]
+            batch = members[first : first + _TOGETHER]
+            values = _standardised(np.array([scores[k] for k in batch]), signs)
+            own[batch] = values[0]
             largest = np.maximum(largest, values.max(axis=1))
     return _reached(own, largest)
 
