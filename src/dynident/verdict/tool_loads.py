@@ -67,7 +67,7 @@ def detectable_force(robot: Robot, comparisons: Sequence[Comparison]) -> Detecta
     -------
     DetectableForce or None
     """
-    blocks = [_Blocks.of(one) for one in comparisons]
+    blocks = [_Blocks.of(comparison) for comparison in comparisons]
     seconds = _BLOCK * sum(len(block.maxima) for block in blocks)
     # Every joint may cry out: each has its share of the false alarms.
     share = FALSE_ALARMS_AN_HOUR / 3600.0 * _BLOCK / robot.n
