@@ -48,7 +48,7 @@ class _Rows:
             return np.concatenate([getattr(c, name) for c in comparisons])
 
         return cls(
-            residual=joined("told"),
+            residual=np.concatenate([c.told for c in comparisons]),
             telling=np.concatenate([c.telling for c in comparisons]),
             q=joined("q"),
             dq=joined("dq"),
