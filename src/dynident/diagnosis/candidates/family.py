@@ -50,6 +50,7 @@ def chance_of(gains: FloatArray) -> float:
 def _turns(n_stretches: int) -> FloatArray:
     """(draws, s): turns of the signs, of which the first turns none."""
     signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(DRAWS, n_stretches))
+    # The observed signs count as one of the draws, so that no p is zero.
     signs[0] = 1.0
     return signs
 

@@ -73,6 +73,8 @@ class StretchesFit:
 
     def __init__(self, sums: Sums, portions: Sequence[Batch]) -> None:
         scale = np.sqrt(np.maximum(np.diag(sums.ww), np.finfo(float).tiny))
+        # Columns are scaled to one, since parameters have different units; the small ridge keeps columns that a fold
+        # lacks solvable.
         normal = sums.ww / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
         solved = _solution(normal, np.column_stack([sums.wy, sums.wx]) / scale[:, None]) / scale[:, None]
         self.chi, self.projection = solved[:, 0], solved[:, 1:]

@@ -70,6 +70,7 @@ def scored(
     members = np.array([k for portion in blocks.portions for k in portion.members], dtype=np.intp)
     for left_out in folds_of(data, kind):
         here = blocks.at(left_out)
+        # Sums over the training blocks are those of all blocks minus those left out: no product is summed twice.
         fit = StretchesFit(total.minus(here.summed(noise)), blocks.portions)
         amplitudes = blocks.amplitudes(fit)
         for j, block in enumerate(here.joints):

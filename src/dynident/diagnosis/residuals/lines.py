@@ -187,6 +187,7 @@ def peaks(k: FloatArray, power: FloatArray, least: float) -> list[float]:
     frequencies = []
     for i in sorted((i for i in inner if ratio[i] > least), key=lambda i: -power[i]):
         a, b, c = power[i - 1], power[i], power[i + 1]
+        # A parabola through the three highest values gives the peak between two frequencies of the grid.
         shift = 0.5 * (a - c) / (a - 2 * b + c)
         frequencies.append(float(k[i] + shift * (k[1] - k[0])))
     return frequencies

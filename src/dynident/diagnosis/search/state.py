@@ -96,6 +96,7 @@ def judge_all(
     whole = [scored_candidate for scored_candidate in judged if scored_candidate is not None]
     if not whole:
         return []
+    # One test for all candidates of a round: the more are tried, the larger the best of them is by chance.
     p = family_wise_p(np.array([scored_candidate.gains for scored_candidate in whole]), scores)
     return [replace(scored_candidate, p=float(value)) for scored_candidate, value in zip(whole, p, strict=True)]
 
