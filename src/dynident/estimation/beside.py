@@ -120,7 +120,7 @@ def distance_to_band(y: FloatArray, first_bound: FloatArray, second_bound: Float
 
     Parameters
     ----------
-    y, first_bound, second_bound : arrays of the same shape
+    y, first_bound, second_bound : arrays of any shape, the same for all
         The bounds may be in either order.
 
     Returns
