@@ -130,9 +130,7 @@ def true_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
 
 
 def true_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray) -> ReferenceParameters:
-    """Return the parameters that torque is predicted with: inertial parameters of links, Ia, Fc, Fv and b of all
-    joints.
-    """
+    """Return the parameters that torque is predicted with: of the links, and Ia, Fc, Fv and b of all joints."""
     drives = np.zeros((len(DRIVE_ROLES), robot.n))
     for effect in effects:
         roles = {spec.name: spec.role for spec in effect_by_id(effect.effect).parameters}
