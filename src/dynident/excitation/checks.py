@@ -86,18 +86,18 @@ def _check_points(request: DesignRequest) -> None:
 
 def _check_fineness(trajectory: TrajectoryRequest) -> None:
     """Raise where the shapes of a periodic trajectory are too fast for the sampling."""
-    what = "intervals" if trajectory.family == "b_spline" else "harmonics"
-    count = trajectory.intervals if what == "intervals" else trajectory.harmonics
-    fastest = count / trajectory.duration / (2 if what == "intervals" else 1)
+    pieces = "intervals" if trajectory.family == "b_spline" else "harmonics"
+    count = trajectory.intervals if pieces == "intervals" else trajectory.harmonics
+    fastest = count / trajectory.duration / (2 if pieces == "intervals" else 1)
     least = _SAMPLES_PER_WAVE * fastest
     if trajectory.sampling_rate < least:
         raise DynidentError(
-            f"a sampling rate of {trajectory.sampling_rate:g} Hz is too low for {what} that make {fastest:g} Hz; use "
-            f"at least {least:g} Hz, fewer {what} or a longer period",
+            f"a sampling rate of {trajectory.sampling_rate:g} Hz is too low for {pieces} that make {fastest:g} Hz; use "
+            f"at least {least:g} Hz, fewer {pieces} or a longer period",
             pointer="/trajectory/sampling_rate",
         )
 
 
-def _one_of(value: str, known: tuple[str, ...], what: str, pointer: str) -> None:
+def _one_of(value: str, known: tuple[str, ...], subject: str, pointer: str) -> None:
     if value not in known:
-        raise DynidentError(f"there is no {what} {value!r}; there are: {', '.join(known)}", pointer=pointer)
+        raise DynidentError(f"there is no {subject} {value!r}; there are: {', '.join(known)}", pointer=pointer)

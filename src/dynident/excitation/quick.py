@@ -74,20 +74,20 @@ def rehearsed_motion(
         course = course_of(unloaded, model, home, strokes, repeats=request.trajectory.periods, rate=rate)
         motion = in_sequence(course.pieces, rate)
         return Rehearsal(motion, float(len(motion.t)))
-    wanted = request.trajectory
-    family = family_of(wanted, wanted.duration)
+    trajectory = request.trajectory
+    family = family_of(trajectory, trajectory.duration)
     yardstick = yardstick_of(model, request.criterion, request.noise, earlier=earlier)
     budget = Budget(request.wanted_starts, request.time_budget)
     best = searched(request, family, model, bounds, yardstick, budget).best
     parts, elapsed = [], 0.0
-    for pace in wanted.paces:
-        slow = family.lasting(wanted.duration / pace)
+    for pace in trajectory.paces:
+        slow = family.lasting(trajectory.duration / pace)
         # The same number of samples at every pace would count the slow ones too little.
-        t = np.arange(0.0, slow.period, wanted.duration / samples_of_a_period(model, family))
+        t = np.arange(0.0, slow.period, trajectory.duration / samples_of_a_period(model, family))
         part = PeriodicMotion(slow, best.x).evaluate(t)
         parts.append(Motion(elapsed + part.t, part.q, part.dq, part.ddq, part.dddq))
         elapsed += slow.period
-    return Rehearsal(joined(parts), elapsed * wanted.periods * rate)
+    return Rehearsal(joined(parts), elapsed * trajectory.periods * rate)
 
 
 def _check_held(strokes: Sequence[Stroke], home: FloatArray, bounds: Bounds, model: DesignModel) -> None:
@@ -98,7 +98,9 @@ def _check_held(strokes: Sequence[Stroke], home: FloatArray, bounds: Bounds, mod
     for joint in sorted({stroke.joint for stroke in strokes}):
         own = [stroke for stroke in strokes if stroke.joint == joint]
         along = np.tile(home, (_POSTURES, 1))
-        along[:, joint] = np.linspace(min(one.low for one in own), max(one.high for one in own), _POSTURES)
+        along[:, joint] = np.linspace(
+            min(own_stroke.low for own_stroke in own), max(own_stroke.high for own_stroke in own), _POSTURES
+        )
         postures.append(along)
     if (np.abs(static_torque(model, np.concatenate(postures))) > bounds.torque).any():
         raise ImpossibleLimitsError("the arm cannot be held everywhere on the way", pointer="/home")

@@ -47,8 +47,8 @@ def earlier_rows(
         rows[: k + 1, joint, equation.columns] = equation.joined[:, :k]
     seconds = sum(used_duration(recording) for recording in recordings)
     per_second = reduction.n_rows / n / seconds
-    made: FloatArray = rows.reshape(-1, b) / np.sqrt(planned_seconds(request) * per_second)
-    return made
+    equivalent_rows: FloatArray = rows.reshape(-1, b) / np.sqrt(planned_seconds(request) * per_second)
+    return equivalent_rows
 
 
 def _check_addable(model: DesignModel, request: DesignRequest) -> None:
@@ -75,5 +75,5 @@ def _check_addable(model: DesignModel, request: DesignRequest) -> None:
 
 def planned_seconds(request: DesignRequest) -> float:
     """Seconds of the exciting part as they are asked for; what comes out may last otherwise."""
-    wanted = request.trajectory
-    return float(wanted.duration * wanted.periods * sum(1.0 / pace for pace in wanted.paces))
+    trajectory = request.trajectory
+    return float(trajectory.duration * trajectory.periods * sum(1.0 / pace for pace in trajectory.paces))

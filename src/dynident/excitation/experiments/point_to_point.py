@@ -51,7 +51,7 @@ def point_to_point(task: Task, budget: Budget) -> Made:
     if request.kind == "optimized":
         best, note = _best(task, space, legs, candidates, budget)
         notes.append(note)
-    chosen, pieces = first_that_fits(task, [best.sequence, *(one.sequence for one in candidates)])
+    chosen, pieces = first_that_fits(task, [best.sequence, *(candidate.sequence for candidate in candidates)])
     placed = with_moves(request.home, chosen.points[-1], bounds, model, task.rate)
     margins = verified(task, (placed.approach, *pieces, placed.retreat))
     rounds = _dwelling(pieces * request.trajectory.periods, chosen, task)
@@ -68,7 +68,7 @@ def point_to_point(task: Task, budget: Budget) -> Made:
         exciting,
         None if request.trajectory.dwell[1] > 0 else period,
         valued,
-        baseline_of([one.values for one in candidates]),
+        baseline_of([candidate.values for candidate in candidates]),
         margins,
         (*notes, *placed.notes),
     )
@@ -93,8 +93,8 @@ def _best(
 ) -> tuple[FoundSequence, str]:
     """The best sequence reached from the best random ones, one after the other."""
     best, completed = candidates[0], 0
-    wanted = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
-    for start in range(wanted):
+    start_count = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
+    for start in range(start_count):
         if budget.spent:
             break
 
@@ -122,11 +122,11 @@ def _best(
     return best, f"{ended} before the time was over." if budget.spent else f"{ended}."
 
 
-def first_that_fits(task: Task, found: Sequence[PointSequence]) -> tuple[PointSequence, tuple[Piece, ...]]:
+def first_that_fits(task: Task, sequences: Sequence[PointSequence]) -> tuple[PointSequence, tuple[Piece, ...]]:
     """The first sequence whose moves keep the limits on the fine grid as well, and these moves."""
-    for one in found[:_MOST_SETTLED]:
+    for sequence in sequences[:_MOST_SETTLED]:
         try:
-            return one, settled(task, one)
+            return sequence, settled(task, sequence)
         except ImpossibleLimitsError as error:
             reason = error
     raise reason

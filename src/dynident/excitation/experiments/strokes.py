@@ -104,24 +104,24 @@ def _constant_speeds(
     bounds: Bounds, home: FloatArray, joints: Sequence[int], speeds: Sequence[float], longest: float
 ) -> tuple[Stroke, ...]:
     """As far as the range allows, at most `longest` s, slowest first."""
-    made = []
+    strokes = []
     for j in joints:
         room = min(2 * bounds.half_range[j] * _STROKE_SHARE, _LONGEST_STROKE)
         reachable = float(np.sqrt(bounds.acceleration[j] * room * _RAMP_SHARE))
         for share in sorted(speeds):
             speed = min(share * float(bounds.velocity[j]), reachable)
-            made.append(_around(bounds, home, j, min(room, speed * longest), speed))
-    return tuple(made)
+            strokes.append(_around(bounds, home, j, min(room, speed * longest), speed))
+    return tuple(strokes)
 
 
 def _sweeps(bounds: Bounds, joints: Sequence[int], duration: float) -> tuple[Stroke, ...]:
     """Over the whole range, but no more than a turn."""
-    made = []
+    strokes = []
     for j in joints:
         length = min(2 * bounds.half_range[j] * _SWEEP_SHARE, _LONGEST_SWEEP)
         speed = min(length / duration, float(bounds.velocity[j]))
-        made.append(_around(bounds, bounds.middle, j, length, speed))
-    return tuple(made)
+        strokes.append(_around(bounds, bounds.middle, j, length, speed))
+    return tuple(strokes)
 
 
 def _reversals(
@@ -167,7 +167,7 @@ def course_of(
         The arm cannot be held somewhere on the way.
     """
     pieces: list[Piece] = []
-    at = home
+    posture = home
     for number, stroke in enumerate(strokes):
         progress(number / len(strokes), f"stroke {number + 1} of {len(strokes)}")
         limits = bounds.velocity.copy()
@@ -175,12 +175,12 @@ def course_of(
         slow = replace(bounds, velocity=limits)
         low, high = home.copy(), home.copy()
         low[stroke.joint], high[stroke.joint] = stroke.low, stroke.high
-        pieces.append(way_between(at, low, bounds, model, rate))
+        pieces.append(way_between(posture, low, bounds, model, rate))
         for _ in range(repeats):
             pieces.append(move_within_torque(low, high, slow, model, rate))
             pieces.append(move_within_torque(high, low, slow, model, rate))
-        at = low
+        posture = low
     last = sum(piece.duration for piece in pieces)
     first = pieces[0].duration
-    pieces.append(way_between(at, home, bounds, model, rate))
+    pieces.append(way_between(posture, home, bounds, model, rate))
     return Course(tuple(pieces), first, last)

@@ -59,16 +59,16 @@ class Task:
         """What the exciting part of pieces one after the other is worth."""
         motion = in_sequence(pieces, self.rate)
         inside = np.flatnonzero((motion.t >= exciting[0]) & (motion.t <= exciting[1]))
-        taken = inside[:: max(1, len(inside) // _VALUED_SAMPLES)]
-        dq = motion.dq[taken]
+        samples = inside[:: max(1, len(inside) // _VALUED_SAMPLES)]
+        dq = motion.dq[samples]
         # The equation of a joint that stands holds for any torque below its static friction: it tells nothing.
-        w = self.model.observe_along(motion, taken) * (np.abs(dq) > STANDS).reshape(-1, 1)
+        w = self.model.observe_along(motion, samples) * (np.abs(dq) > STANDS).reshape(-1, 1)
         earlier = self.yardstick.earlier
         if earlier is not None:
             # They count in proportion to how long the experiment is, not to how long it was asked for.
             earlier = earlier * np.sqrt(planned_seconds(self.request) / (exciting[1] - exciting[0]))
         expected = self.expected(w.reshape(*dq.shape, -1), dq, EVERY_JOINT, len(inside), earlier)
-        return Valued(replace(self.yardstick, earlier=earlier).values(w, len(taken)), expected)
+        return Valued(replace(self.yardstick, earlier=earlier).values(w, len(samples)), expected)
 
     def expected(
         self, w: FloatArray, dq: FloatArray, rows: RowModel, n_samples: float, earlier: FloatArray | None

@@ -87,10 +87,12 @@ def design_document(design: Design) -> dict[str, object]:
         "parameters": list(design.parameter_names),
         "expected_parameters": [
             {
-                **asdict(one),
-                "standard_deviation": None if one.standard_deviation is None else _finite(one.standard_deviation),
+                **asdict(parameter),
+                "standard_deviation": None
+                if parameter.standard_deviation is None
+                else _finite(parameter.standard_deviation),
             }
-            for one in design.expected
+            for parameter in design.expected
         ],
         "runs": [asdict(run) for run in design.runs],
         "notes": list(design.notes),
