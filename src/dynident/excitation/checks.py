@@ -1,4 +1,4 @@
-"""What can be asked of a design, and what cannot."""
+"""Checks of a design request."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SAMPLES_PER_WAVE = 4
 
 
 def check_request(request: DesignRequest) -> None:
-    """Raise `DynidentError` for what cannot be asked; joints, effects and limits are checked where they are used."""
+    """Raise `DynidentError` for an impossible request; joints, effects and limits are checked where they are used."""
     check_ranges(request)
     _one_of(request.kind, KINDS, "kind of design", "/kind")
     _one_of(request.model, ROW_MODELS, "identification model to design for", "/model")

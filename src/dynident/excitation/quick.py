@@ -1,4 +1,4 @@
-"""The motion that a request is going to give, without its verification: to predict what a design is worth."""
+"""Rehearsal of a design: its motion without verification, to predict what the design is worth."""
 
 from __future__ import annotations
 
@@ -27,17 +27,30 @@ _POSTURES = 30
 
 @dataclass(frozen=True, eq=False)
 class Rehearsal:
-    """A motion that stands for an experiment: `n_samples` samples at `rate` Hz are like those of `motion`."""
+    """A motion that stands for an experiment: its `n_samples` samples are like those of `motion`."""
 
     motion: Motion
     n_samples: float
 
 
 def quick_motion(request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float) -> Rehearsal:
-    """A motion of the kind asked for, to tell in a moment whether that kind is worth while.
+    """Return a motion of the requested kind, fast enough to tell whether that kind is worth while.
 
-    Of a periodic trajectory one period of the best of a few random ones, at every pace: what is optimised is better, or
-    at least another. The moves from and to rest are not in it.
+    Of a periodic trajectory it is one period of the best of a few random ones, at every pace: an optimised one is
+    better,
+    or at least different. The moves from and to rest are not included.
+
+    Parameters
+    ----------
+    request : DesignRequest
+    model : DesignModel
+    bounds : Bounds
+    rate : float
+        Hz, of the samples of strokes.
+
+    Returns
+    -------
+    Rehearsal
 
     Raises
     ------
@@ -51,14 +64,21 @@ def quick_motion(request: DesignRequest, model: DesignModel, bounds: Bounds, rat
 def rehearsed_motion(
     request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float, earlier: FloatArray | None = None
 ) -> Rehearsal:
-    """The motion that a design of this request is going to have, but for what its verification takes off.
+    """Return the motion that a design of this request will have, except for what its verification removes.
 
     Parameters
     ----------
+    request : DesignRequest
+    model : DesignModel
+    bounds : Bounds
     rate : float
-        Hz, of the samples of strokes: the design's own where the model has a memory, fewer do otherwise.
+        Hz, of the samples of strokes: the design's own where the model has a memory, fewer otherwise.
     earlier : (r, b), optional
-        Rows beside W / √N that stand for earlier runs, see `earlier_rows`.
+        Rows besides W / √N that stand for earlier runs, see `earlier_rows`.
+
+    Returns
+    -------
+    Rehearsal
 
     Raises
     ------

@@ -49,7 +49,7 @@ class Deciding:
 
 
 def relative_variances(deciding: Deciding, a_priori: FloatArray) -> Callable[[FloatArray], tuple[float, FloatArray]]:
-    """Return the criterion: log of the (geometric mean over groups of the) sum of variances relative to a_priori² (b,)."""
+    """Return the criterion: log of the (geometric mean over groups of the) sum of variances over a_priori² (b,)."""
 
     def criterion(w: FloatArray) -> tuple[float, FloatArray]:
         rows = deciding.weighted(w)

@@ -30,13 +30,16 @@ from dynident.progress import Progress, part, silent
 
 _VALUED_SAMPLES = 1000
 _SHRINKS = (0.999,) * 20 + (0.95,) * 30
-"""Fractions of a percent for what happens between the samples; more where shapes come nearer than their capsules."""
+"""Factors on the amplitude: small ones for excursions between the samples, larger ones for exact shapes.
+
+Exact shapes may come nearer to each other than the capsules that the search uses.
+"""
 # Of the time: optimising gains more than looking for better random trajectories.
 _RANDOM_SHARE = 0.3
 
 
 def family_of(trajectory: TrajectoryRequest, period: float) -> Family:
-    """Fourier series or B-splines of one period (s); `DynidentError` for what is neither."""
+    """Return the family of Fourier series or B-splines of one period (s); raise `DynidentError` for other families."""
     if trajectory.family == "b_spline":
         return BSplineFamily(trajectory.intervals, period)
     if trajectory.family == "fourier":
@@ -63,6 +66,7 @@ def periodic(task: Task, budget: Budget) -> Made:
     notes += search.notes
     if not np.isfinite(best.values.condition_number):
         notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
+    # The baseline and the result are reported on the same samples, more than the search could afford.
     finer = 0 if request.criterion.is_of_its_samples else _VALUED_SAMPLES
     fine = Judge(family, model, task.yardstick, n_samples=finer, rows=request.model)
     motions, margins = within_limits(task, family, best)
@@ -86,7 +90,7 @@ def periodic(task: Task, budget: Budget) -> Made:
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """Random trajectories inside the limits, best first, and the best of all, optimised where that was asked for."""
+    """Random trajectories inside the limits, best first, and the best of all, optimised where requested."""
 
     candidates: tuple[Candidate, ...]
     best: Candidate
@@ -103,9 +107,9 @@ def searched(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Searched:
-    """Look for coefficients that keep the limits and that the yardstick likes.
+    """Search for coefficients that keep the limits and have a good criterion value.
 
-    Without a time budget the same request gives the same answer, here and wherever it is made again.
+    Without a time budget the same request gives the same answer, here and wherever it is repeated.
 
     Raises
     ------
@@ -148,7 +152,7 @@ def _valued(task: Task, judge: Judge, motion: PeriodicMotion) -> Valued:
 
 
 def within_limits(task: Task, family: Family, best: Candidate) -> tuple[tuple[PeriodicMotion, ...], tuple[Margin, ...]]:
-    """One period of the best candidate at every pace, shrunk until the fine grid agrees."""
+    """Return one period of the best candidate at every pace, with an amplitude that keeps the limits on the fine grid."""
     x = best.x.copy()
     paces = task.request.trajectory.paces
     families = [family] if len(paces) == 1 else [_at_pace(family, pace, task.rate) for pace in paces]
@@ -163,12 +167,12 @@ def within_limits(task: Task, family: Family, best: Candidate) -> tuple[tuple[Pe
 
 
 def _at_pace(family: Family, pace: float, rate: float) -> Family:
-    """The family whose trajectories take the same paths at a share `pace` of the speed."""
+    """Return the family whose trajectories take the same paths at a share `pace` of the speed."""
     return family.lasting(float(np.ceil(family.period / pace * rate - 1e-6)) / rate)
 
 
 def _wider(first: Sequence[Margin], second: Sequence[Margin]) -> tuple[Margin, ...]:
-    """Of each limit the margin that is used up more."""
+    """Return of each limit the margin that is used up more."""
     return tuple(max(pair, key=lambda margin: margin.share) for pair in zip(first, second, strict=True))
 
 

@@ -1,4 +1,4 @@
-"""Experiments that go from point to point, at rest in each (§12.3.4.1): random, or with the best points found."""
+"""Experiments that go from point to point, at rest in each (§12.3.4.1): random, or with optimised points."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def point_to_point(task: Task, budget: Budget) -> Made:
 
 
 def _dwelling(moves: Sequence[Piece], sequence: PointSequence, task: Task) -> tuple[Piece, ...]:
-    """The moves, each of which ends in the next of the points, with a rest after each where one is asked for."""
+    """Return the moves, each of which ends in the next point, with a rest after each where requested."""
     least, most = task.request.trajectory.dwell
     if most <= 0:
         return tuple(moves)
@@ -91,7 +91,7 @@ def _dwelling(moves: Sequence[Piece], sequence: PointSequence, task: Task) -> tu
 def _best(
     task: Task, space: FreePoints, legs: Legs, candidates: list[FoundSequence], budget: Budget
 ) -> tuple[FoundSequence, str]:
-    """The best sequence reached from the best random ones, one after the other."""
+    """Return the best sequence reached from the best random ones, one after the other, and a note."""
     best, completed = candidates[0], 0
     start_count = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
     for start in range(start_count):
@@ -123,7 +123,7 @@ def _best(
 
 
 def first_that_fits(task: Task, sequences: Sequence[PointSequence]) -> tuple[PointSequence, tuple[Piece, ...]]:
-    """The first sequence whose moves keep the limits on the fine grid as well, and these moves."""
+    """Return the first sequence whose moves keep the limits on the fine grid as well, and these moves."""
     for sequence in sequences[:_MOST_SETTLED]:
         try:
             return sequence, settled(task, sequence)
@@ -133,7 +133,7 @@ def first_that_fits(task: Task, sequences: Sequence[PointSequence]) -> tuple[Poi
 
 
 def settled(task: Task, sequence: PointSequence) -> tuple[Piece, ...]:
-    """The moves of one round, slowed down by a few per cent until the fine grid agrees."""
+    """Return the moves of one round, slowed down by a few per cent until the fine grid agrees."""
     for _ in range(_ATTEMPTS):
         pieces = _planned(task, sequence)
         margins = task.verified(pieces)
@@ -155,7 +155,7 @@ def _planned(task: Task, sequence: PointSequence) -> tuple[Piece, ...]:
 
 
 def verified(task: Task, pieces: tuple[Piece, ...]) -> tuple[Margin, ...]:
-    """The margins of pieces; `ImpossibleLimitsError` where a limit is broken."""
+    """Return the margins of pieces; raise `ImpossibleLimitsError` where a limit is broken."""
     margins = task.verified(pieces)
     if not keeps(margins):
         raise broken(margins)
@@ -163,7 +163,7 @@ def verified(task: Task, pieces: tuple[Piece, ...]) -> tuple[Margin, ...]:
 
 
 def check_no_path(model: DesignModel) -> None:
-    """Raise where a column depends on the path travelled: moves can then not be looked at one by one."""
+    """Raise where a column depends on the path travelled: moves can then not be evaluated one by one."""
     if model.needs_path:
         raise DynidentError(
             "an effect depends on the path since the last reversal (presliding, hysteresis): moves from point to "

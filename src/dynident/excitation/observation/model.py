@@ -80,9 +80,7 @@ class DesignModel:
 
     @cached_property
     def nominal(self) -> FloatArray:
-        """Values (b,) of all base parameters by the description's inertias; zero for other effects, or without
-        inertias.
-        """
+        """Values (b,) of all base parameters by the description's inertias; zero where these say nothing."""
         if self.robot.inertias is None:
             return np.zeros(self.base.count)
         standard = np.zeros(len(self.columns))

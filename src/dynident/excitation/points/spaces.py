@@ -48,8 +48,9 @@ class FreePoints:
         return PointSequence(points, shares)
 
     def redrawn(self, sequence: PointSequence, k: int, rng: np.random.Generator) -> PointSequence:
-        """Return a sequence with another point k; for the first point, from which everything begins, with another last
-        one.
+        """Return a sequence with another point k.
+
+        Everything begins from the first point: instead of it, the last one is drawn again.
         """
         points = sequence.points.copy()
         points[k if k else -1] = self.postures[rng.integers(len(self.postures))]

@@ -1,9 +1,9 @@
-"""The motion of one run of a set: searched to add the most to what the runs before it have told.
+"""Search for the motion of one run of a set, which adds the most information to the runs before it.
 
 With locked joints a run shows only some parameters, and no criterion of its W alone would be finite. What counts at
 first is log det of the information of all runs up to this one, D-optimality, beginning with a little information about
-every parameter: a direction that the run cannot show then neither helps nor hurts it. Once all runs are there, each can
-be searched again beside all others by the criterion that was asked for.
+every parameter: a direction that the run cannot show then neither helps nor hurts it. Once all runs exist, each can
+be searched again in the presence of all others by the requested criterion.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from dynident.motion.trajectories.motion import Piece
 from dynident.progress import Progress, part
 
 _KNOWN_BEFORE = 0.02
-"""Standard deviation of what is known of each parameter before, as a share of its column: too little to rule."""
+"""Information about each parameter at the beginning, as a share of its column: too little to matter."""
 _STATES = 200
 _CANDIDATES, _LOCKED_POSTURES = 12, 2
 _VARIATIONS_OF_TWO_POINTS, _VARIATIONS_OF_A_POINT = 60, 20
@@ -49,9 +49,9 @@ _LITTLE_WAY = (0.02, 0.1)
 
 @dataclass(frozen=True, eq=False)
 class FoundRun:
-    """Rounds of a motion that starts and ends at rest in `start` (n,), `duration` s each.
+    """Rounds of a motion that starts and ends at rest in `start` (n,).
 
-    `random` are the informations ∫ WᵀW dt (b, b) that random motions of its kind would have given.
+    `random` is the information ∫ WᵀW dt (b, b) that random motions of its kind would have given.
     """
 
     round: tuple[Piece, ...]
@@ -66,7 +66,7 @@ class FoundRun:
 
 
 class RunSearch:
-    """Searches runs one after the other.
+    """Searches the motions of runs one after the other.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class RunSearch:
         self._legs: Legs | None = None
 
     def nothing_told(self) -> FloatArray:
-        """Information (b, b) to begin with: a little about every parameter."""
+        """Return the information (b, b) to begin with: a little about every parameter."""
         bounds, n = self._task.bounds, len(self._task.bounds.names)
         q = self._postures[self._rng.integers(len(self._postures), size=_STATES)]
         dq = bounds.velocity * self._rng.uniform(-1, 1, (_STATES, n))
@@ -91,7 +91,7 @@ class RunSearch:
         return np.diag(_KNOWN_BEFORE**2 * np.where(squares > 0, squares, 1.0))
 
     def first(self, run: PlannedRun, information: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
-        """The motion of a run that adds the most to the information `told` (b, b) by those before.
+        """Return the motion of a run that adds the most to the information (b, b) of those before.
 
         Raises
         ------
@@ -103,7 +103,8 @@ class RunSearch:
         return self._find(run, yardstick, information, budget, progress)
 
     def again(self, run: PlannedRun, information: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
-        """The motion of a run that is the best by the criterion asked for, beside what all others have told (b, b).
+        """Return the motion of a run that is the best by the requested criterion, given the information (b, b) of all
+        others.
 
         Raises
         ------
@@ -124,7 +125,7 @@ class RunSearch:
         return self._through_points(within, run, moving, yardstick, budget)
 
     def _periodic(self, task: Task, moving: BoolArray, yardstick: Yardstick, budget: Budget) -> FoundRun:
-        """A periodic trajectory with the other joints locked in the best of some postures."""
+        """Return a periodic trajectory with the other joints locked in the best of some postures."""
         trajectory, model = task.request.trajectory, task.model
         family = family_of(trajectory, max(round(trajectory.duration * task.rate), 1) / task.rate)
         judge = Judge(family, model, yardstick)
@@ -152,7 +153,7 @@ class RunSearch:
     def _through_points(
         self, task: Task, run: PlannedRun, moving: BoolArray, yardstick: Yardstick, budget: Budget
     ) -> FoundRun:
-        """Moves between points, the best of some random ones improved."""
+        """Return moves between points, the best of some random ones improved."""
         trajectory, rng = task.request.trajectory, self._rng
         if self._legs is None:
             self._legs = Legs(task.bounds, task.model, task.rate)
@@ -192,15 +193,16 @@ class RunSearch:
 
 
 def rows_like(information: FloatArray) -> FloatArray:
-    """Rows (b, b) that have the WᵀW of an information matrix (b, b)."""
+    """Return rows (b, b) that have the WᵀW of an information matrix (b, b)."""
     sizes = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    # Scaled to a unit diagonal first: units of parameters must not cost digits.
     eigenvalues, vectors = np.linalg.eigh(information / np.outer(sizes, sizes))
     rows: FloatArray = (np.sqrt(np.maximum(eigenvalues, 0.0)) * vectors).T * sizes
     return rows
 
 
 def _strokes(task: Task, how: BetweenTwoPoints, moving: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """The shortest and the longest way (n,) of every joint between two points."""
+    """Return the shortest and the longest way (n,) of every joint between two points."""
     bounds = task.bounds
     span = 2 * bounds.half_range
     shortest, longest = (np.where(moving, share * span, 0.0) for share in _LITTLE_WAY)

@@ -1,4 +1,4 @@
-"""Sets of special test motions (§12.3.4.2), run one after the other and combined in one global system."""
+"""Design of sets of special test motions (§12.3.4.2), run one after the other and combined in one global system."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _TRIES = 4
 _MOST_VALUED = 10_000
 _NOT_SHOWN = 1e-6
 _ABOUT_PARAMETERS = ("parameters", "separation")
-"""Criteria that weigh the equations of each joint: an information matrix does not tell them apart any more."""
+"""Criteria that weigh the equations of each joint, which an information matrix no longer tells apart."""
 
 
 @dataclass(frozen=True, eq=False)
 class _RunMade:
-    """A run, the way to its start, its samples, and W (m, n, b) at them without the equations of locked joints.
+    """A run, the move to its start, its samples, and W (m, n, b) at them without the equations of locked joints.
 
     `information` (b, b) is ∫ WᵀW dt.
     """
@@ -47,7 +47,7 @@ class _RunMade:
 
 
 def sequential(task: Task, budget: Budget) -> Made:
-    """Design the runs of a set one after the other, each to complement those before, with the ways between them."""
+    """Design the runs of a set one after the other, each to complement those before, with the moves between them."""
     request, bounds, model = task.request, task.bounds, task.model
     runs = planned_runs(request.trajectory.sets, model.robot.joint_names)
     if any(isinstance(run.how, BetweenTwoPoints) for run in runs):
@@ -73,7 +73,7 @@ def sequential(task: Task, budget: Budget) -> Made:
 def _first(
     task: Task, search: RunSearch, runs: Sequence[PlannedRun], home: FloatArray, seconds: float | None
 ) -> list[_RunMade]:
-    """All runs, each to add the most to those before."""
+    """Return all runs, each of which adds the most to those before."""
     information, at = search.nothing_told(), home
     placed_runs: list[_RunMade] = []
     for index, run in enumerate(runs):
@@ -86,15 +86,16 @@ def _first(
 
 
 def _again(task: Task, search: RunSearch, first: list[_RunMade], home: FloatArray, budget: Budget) -> list[_RunMade]:
-    """The runs, each searched once more by the criterion asked for, beside all others; the better one is kept.
+    """Return the runs after one more search of each by the requested criterion; the better motion is kept.
 
-    Those that the time is not enough for stay as they are.
+    Runs for which the time is not enough stay as they are.
     """
     seconds = None if budget.seconds is None else budget.seconds / len(first) / 2
     best_runs = list(first)
     if task.request.criterion.name in _ABOUT_PARAMETERS:
         return best_runs
     value = _worth(task, best_runs).criterion
+    # Without full rank no exchange of one run has a finite value, so that none could be compared.
     if not np.isfinite(value):
         return best_runs
     for index, placed in enumerate(first):
@@ -136,7 +137,7 @@ def _reachable(
     budget: Budget,
     progress: Progress,
 ) -> _RunMade:
-    """A run whose start can be reached from a posture (n,)."""
+    """Return a run whose start can be reached from a posture (n,)."""
     for attempt in range(_TRIES):
         try:
             motion = search.first(run, information, budget, progress)
@@ -158,7 +159,7 @@ def _with_samples(task: Task, run: PlannedRun, found_run: FoundRun, approach: Pi
 
 
 def _worth(task: Task, placed_runs: Sequence[_RunMade]) -> CriterionValues:
-    """All runs together by the criterion asked for, from their informations."""
+    """Return the values of all runs together by the requested criterion, from their information matrices."""
     seconds = sum(len(placed.motion.t) for placed in placed_runs) / task.rate
     information = sum((placed.information for placed in placed_runs), start=0.0 * placed_runs[0].information)
     return task.yardstick.values(rows_like(information / seconds), 1)
@@ -194,7 +195,7 @@ def _made(task: Task, runs: list[_RunMade], retreat: Piece, home: FloatArray) ->
 
 
 def _valued(task: Task, placed_runs: list[_RunMade]) -> Valued:
-    """What all runs together are worth: samples evenly from all of them."""
+    """Return the values of all runs together, from evenly taken samples."""
     total = sum(len(placed.motion.t) for placed in placed_runs)
     every = max(1, total // _MOST_VALUED)
     w = np.concatenate([placed.w[::every] for placed in placed_runs])
@@ -217,7 +218,7 @@ def _not_shown(task: Task, valued: Valued) -> list[str]:
 
 
 def _baseline(task: Task, placed_runs: list[_RunMade]) -> Baseline | None:
-    """The same set with random motions of the same kind and length in every run; `None` where rows have weights."""
+    """Return the baseline of the same set with random motions in every run; None where rows have weights."""
     if task.request.criterion.name in _ABOUT_PARAMETERS:
         return None
     count = max(len(placed.found.random) for placed in placed_runs)
