@@ -152,7 +152,7 @@ def _valued(task: Task, judge: Judge, motion: PeriodicMotion) -> Valued:
 
 
 def within_limits(task: Task, family: Family, best: Candidate) -> tuple[tuple[PeriodicMotion, ...], tuple[Margin, ...]]:
-    """Return one period of the best candidate at every pace, with an amplitude that keeps the limits on the fine grid."""
+    """Return one period of the best candidate at every pace, its amplitude reduced until the fine grid agrees."""
     x = best.x.copy()
     paces = task.request.trajectory.paces
     families = [family] if len(paces) == 1 else [_at_pace(family, pace, task.rate) for pace in paces]

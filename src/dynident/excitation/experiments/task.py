@@ -86,10 +86,17 @@ class Task:
     def expected(
         self, w: FloatArray, dq: FloatArray, rows: RowModel, n_samples: float, earlier: FloatArray | None
     ) -> tuple[ExpectedParameter, ...]:
-        """Return the expected uncertainty of parameters after `n_samples` samples like those of W (m, n, b) and q̇ (m,
-        n).
+        """Return the expected uncertainty of the parameters.
 
-        `earlier` (r, b): rows besides W / √m that stand for the information of earlier runs.
+        Parameters
+        ----------
+        w, dq : (m, n, b), (m, n)
+            W and q̇ at representative samples.
+        rows : RowModel
+        n_samples : float
+            Number of samples of the experiment.
+        earlier : (r, b) or None
+            Rows besides W / √m that stand for the information of earlier runs.
         """
         noise = 1.0 / row_weights(self.model, self.request.noise) if self.request.noise else None
         return expected_parameters(self.model, w, dq, rows, n_samples, noise=noise, earlier=earlier)

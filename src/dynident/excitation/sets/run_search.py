@@ -103,8 +103,9 @@ class RunSearch:
         return self._find(run, yardstick, information, budget, progress)
 
     def again(self, run: PlannedRun, information: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
-        """Return the motion of a run that is the best by the requested criterion, given the information (b, b) of all
-        others.
+        """Return the motion of a run that is the best by the requested criterion.
+
+        `information` (b, b) is that of all other runs.
 
         Raises
         ------
