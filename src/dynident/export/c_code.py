@@ -53,13 +53,14 @@ def _header(identification: Identification, formula: TorqueFormula, name: str) -
     lines += [*identification_lines(identification), "", SIGNS, "", "Joints, in the order of every array:"]
     lines += [f"  [{j.number - 1}] {j.name}: {j.kind}, torque in {j.unit}" for j in joint_lines(identification)]
     lines += ["", f"Arguments of {name}_torque:"]
-    lines += [f"  {one.name}: {one.meaning}" for one in formula.arguments if one.name not in _STATE]
+    lines += [f"  {argument.name}: {argument.meaning}" for argument in formula.arguments if argument.name not in _STATE]
     if formula.memory:
         lines.append(f"  state: the past of the run, for effects with hysteresis; {name}_start at its start, then one")
         lines.append("      call a sample, in the order of time")
     lines += ["  tau: the torque (out); another array than the others", "", "Base parameters:"]
-    for one in identification.parameters:
-        lines.append(f"  {one.name} = {one.value:.9g} {one.unit} (s. d. {one.standard_deviation:.2g}): {one.grouping}")
+    for parameter in identification.parameters:
+        deviation = f"(s. d. {parameter.standard_deviation:.2g})"
+        lines.append(f"  {parameter.name} = {parameter.value:.9g} {parameter.unit} {deviation}: {parameter.grouping}")
     return lines
 
 
@@ -88,7 +89,7 @@ def _declarations(formula: TorqueFormula, name: str) -> str:
 
 
 def _signature(formula: TorqueFormula, name: str) -> str:
-    arguments = [_parameter(one) for one in formula.arguments if one.name not in _STATE]
+    arguments = [_parameter(argument) for argument in formula.arguments if argument.name not in _STATE]
     if formula.memory:
         arguments.append(f"{name}_state *state")
     arguments.append(f"double tau[{formula.robot.n}]")

@@ -77,10 +77,10 @@ def complete(identification: Identification, *, nearest: bool = False, rotors_in
     for merged in (True, False) if rotors_in_links else (False,):
         unknowns = Unknowns.of(identification.model, rotors_in_links=merged, estimated=identification.estimate.standard)
         equations = _equations(unknowns, values)
-        found = _completed(unknowns, equations, values, margins)
-        if found is not None and not blamed:
-            return _gathered(identification.model, unknowns, found, values)
-    if found is None:
+        completed = _completed(unknowns, equations, values, margins)
+        if completed is not None and not blamed:
+            return _gathered(identification.model, unknowns, completed, values)
+    if completed is None:
         blamed += _impossible(unknowns, equations)
     if not nearest:
         raise DynidentError(
@@ -106,7 +106,7 @@ def _completed(
     """Unknowns (k,) that give the base parameters, nearest to the nominal ones; None where there are none."""
     for margin in margins:
         try:
-            found = constrained_least_squares(
+            solution = constrained_least_squares(
                 np.eye(unknowns.size),
                 unknowns.nominal / unknowns.scale,
                 unknowns.matrices(0, np.full(len(unknowns.links), margin)),
@@ -115,7 +115,7 @@ def _completed(
             )
         except InfeasibleError:
             continue
-        moved = _moved_onto(unknowns, values[unknowns.base_rows], found.values * unknowns.scale)
+        moved = _moved_onto(unknowns, values[unknowns.base_rows], solution.values * unknowns.scale)
         if np.all(unknowns.margins(moved) > _POSSIBLE) and np.all(moved[unknowns.rotor_places] >= 0):
             return moved
     return None
@@ -172,11 +172,11 @@ def _least_violation(unknowns: Unknowns, equations: Equations, near: float) -> F
 def _nearest(identification: Identification, rotors_in_links: bool, blamed: list[str]) -> Completion:
     """What the feasible estimator makes of the same equations."""
     choices, data = identification.choices, identification.data.to_solve(identification.estimate.reference)
-    found = feasible(
+    fit = feasible(
         Problem(identification.model, data, identification.estimate.solution.known, choices.covariance, choices.trust)
     )
-    assert found.standard is not None
-    values = found.solution.values
+    assert fit.standard is not None
+    values = fit.solution.values
     before = errors(data.torque, identification.values).relative_total
     after = errors(data.torque, values).relative_total
     note = (
@@ -185,11 +185,11 @@ def _nearest(identification: Identification, rotors_in_links: bool, blamed: list
         f"{_torque_difference(identification, values)} (rms), and its relative error is {after:.2%} instead of "
         f"{before:.2%}."
     )
-    unknowns = Unknowns.of(identification.model, rotors_in_links=rotors_in_links, estimated=found.standard)
+    unknowns = Unknowns.of(identification.model, rotors_in_links=rotors_in_links, estimated=fit.standard)
     completed = _completed(unknowns, _equations(unknowns, values), values, _SMALL_MARGINS)
     if completed is None:
         unknowns = Unknowns.of(identification.model)
-        completed = found.standard.values[unknowns.columns]
+        completed = fit.standard.values[unknowns.columns]
     changed = _gathered(identification.model, unknowns, completed, values)
     return replace(changed, exact=False, notes=(note, *changed.notes))
 
@@ -214,17 +214,17 @@ def _driving_friction(estimate: Estimate) -> list[str]:
     ]
 
 
-def _gathered(model: Model, unknowns: Unknowns, found: FloatArray, values: FloatArray) -> Completion:
+def _gathered(model: Model, unknowns: Unknowns, completed: FloatArray, values: FloatArray) -> Completion:
     """Unknowns and base parameters as those of joints."""
-    inertias, rotors = unknowns.standard(found)
+    inertias, rotors = unknowns.standard(completed)
     robot = model.robot.tree
     friction: dict[Role | None, FloatArray] = {role: np.zeros(robot.n) for role in _FRICTION}
-    own = values - unknowns.grouping @ found
-    for column, value in zip(model.kept, own, strict=True):
+    friction_values = values - unknowns.grouping @ completed
+    for column, value in zip(model.kept, friction_values, strict=True):
         role = role_of(column)
         if role in friction and not column.runs:
             friction[role][robot.joint_names.index(column.link)] += max(value, 0.0)
     coulomb, viscous = friction.values()
-    left = [joint for j, joint in enumerate(robot.joint_names) if j not in unknowns.links]
-    notes = (f"The model has no rigid body on {', '.join(left)}: these links have no inertia.",) if left else ()
+    missing = [joint for j, joint in enumerate(robot.joint_names) if j not in unknowns.links]
+    notes = (f"The model has no rigid body on {', '.join(missing)}: these links have no inertia.",) if missing else ()
     return Completion(inertias, np.maximum(rotors, 0.0), coulomb, viscous, values, True, notes)

@@ -67,11 +67,11 @@ class Links:
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """What a user must know: parameters that were changed, effects that are left out, rounded geometry."""
-        kept = choices_held(self.identification, self.held)
+        choices_in_file = choices_held(self.identification, self.held)
         left_out = [
             f"{effect_by_id(choice.effect).title} is not in this file, which has no word for it: {effect_line(choice)}."
             for choice in self.identification.choices.effects
-            if choice not in kept
+            if choice not in choices_in_file
         ]
         if left_out:
             left_out.append("What the file can hold was fitted to the data again without them.")
@@ -98,9 +98,9 @@ class Links:
         entries = observation.evaluate(q, dq, ddq, reference=nothing, memory=memory)
         inertial = np.array([effect_by_id(column.effect).is_inertia for column in observation.columns])
         expected = observation.torque(entries, np.where(inertial, self.standard.values, 0.0))
-        found = rigid_torque(robot, self.standard.inertias, q, dq, ddq, self.standard.rotors)
+        torque = rigid_torque(robot, self.standard.inertias, q, dq, ddq, self.standard.rotors)
         size = float(np.abs(expected).max(initial=0.0)) or 1.0
-        return float(np.abs(found - expected).max(initial=0.0)) / size
+        return float(np.abs(torque - expected).max(initial=0.0)) / size
 
 
 def rigid_torque(

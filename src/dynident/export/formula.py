@@ -85,13 +85,15 @@ def torque_formula(estimate: Estimate) -> TorqueFormula:
 
 def run_meaning(runs: tuple[RunSignal, ...]) -> str:
     """What the entries of the argument `runs` stand for, in words."""
-    kinds = [f"those like {', '.join(one.runs)}" if one.runs else "those that carry the payload" for one in runs]
+    kinds = [
+        f"those like {', '.join(signal.runs)}" if signal.runs else "those that carry the payload" for signal in runs
+    ]
     return "1 in runs of a kind, 0 in others: " + "; ".join(kinds)
 
 
 def _motion(signals: Signals, torque: ca.SX) -> list[Argument]:
     """The signals that the torque depends on; position, velocity and acceleration in any case."""
-    known = (
+    candidates = (
         Argument("q", signals.q, "joint positions, rad or m"),
         Argument("dq", signals.dq, "joint velocities, rad/s or m/s"),
         Argument("ddq", signals.ddq, "joint accelerations, rad/s^2 or m/s^2"),
@@ -101,4 +103,8 @@ def _motion(signals: Signals, torque: ca.SX) -> list[Argument]:
         Argument("period", signals.period, "sampling period, s"),
         Argument("temperature", signals.temperature, "temperature of each joint, degrees Celsius"),
     )
-    return [one for one in known if one.name in ("q", "dq", "ddq") or ca.depends_on(torque, one.symbol)]
+    return [
+        argument
+        for argument in candidates
+        if argument.name in ("q", "dq", "ddq") or ca.depends_on(torque, argument.symbol)
+    ]

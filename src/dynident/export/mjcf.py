@@ -44,7 +44,7 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
     if links.rounding > SMALL:
         # Rounded geometry groups a rotor with its link nearly, not exactly.
         merged = Links.of(identification, HELD, nearest=nearest, rotors_in_links=True)
-        links = min(links, merged, key=lambda one: one.rounding)
+        links = min(links, merged, key=lambda candidate: candidate.rounding)
     robot = links.robot
     springs = _springs(links)
     tree = robot.tree
@@ -147,13 +147,13 @@ def _motors(links: Links) -> Element:
 
 def _springs(links: Links) -> dict[str, tuple[float, float]]:
     """Stiffness and position of rest of the joints that have a spring."""
-    found: dict[str, dict[Role | None, float]] = {}
+    spring_parameters: dict[str, dict[Role | None, float]] = {}
     for column, value in zip(links.projected.model.kept, links.standard.values, strict=True):
         role = role_of(column)
         if role in ("stiffness", "at_zero") and not column.runs:
-            found.setdefault(column.link, {})[role] = float(value)
+            spring_parameters.setdefault(column.link, {})[role] = float(value)
     springs = {}
-    for joint, spring in found.items():
+    for joint, spring in spring_parameters.items():
         stiffness = spring.get("stiffness", 0.0)
         if stiffness <= 0:
             raise DynidentError(

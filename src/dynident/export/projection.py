@@ -39,11 +39,11 @@ def project(identification: Identification, held: Collection[Role]) -> Identific
     held : collection of Role
         Roles of the parameters that the format has words for.
     """
-    kept, choices = choices_held(identification, held), identification.choices
-    if not kept or kept == choices.effects:
+    held_effects, choices = choices_held(identification, held), identification.choices
+    if not held_effects or held_effects == choices.effects:
         return identification
     estimator = choices.estimator if choices.solver.from_reduced else "wls"
-    return reidentify(identification, replace(choices, effects=kept, strategy="global", estimator=estimator))
+    return reidentify(identification, replace(choices, effects=held_effects, strategy="global", estimator=estimator))
 
 
 def is_free(identification: Identification, values: FloatArray) -> bool:
@@ -69,12 +69,14 @@ class Cost:
     @classmethod
     def of(cls, identification: Identification, projected: Identification, values: FloatArray) -> Cost:
         """Compare a model with base parameters (b,) of its projection."""
-        own, other = identification.data.held_out, projected.data.held_out
-        is_held_out = own is not None and other is not None
-        if own is None or other is None:
-            own, other = identification.data.training, projected.data.training
+        own_data, projected_data = identification.data.held_out, projected.data.held_out
+        is_held_out = own_data is not None and projected_data is not None
+        if own_data is None or projected_data is None:
+            own_data, projected_data = identification.data.training, projected.data.training
         joints = identification.model.robot.joint_names
-        return cls(joints, moving_errors(own, identification.values), moving_errors(other, values), is_held_out)
+        return cls(
+            joints, moving_errors(own_data, identification.values), moving_errors(projected_data, values), is_held_out
+        )
 
     @property
     def is_notable(self) -> bool:
@@ -85,12 +87,12 @@ class Cost:
         """Say it in sentences, the joints apart."""
         data = "held-out data" if self.is_held_out else "the data of the fit (no held-out data were given)"
         total = f"{self.file.relative_total:.2%} ({self.model.relative_total:.2%})"
-        what = f"Relative error of torque where joints move, on {data}, of this file (and of the model)"
+        subject = f"Relative error of torque where joints move, on {data}, of this file (and of the model)"
         each = ", ".join(
             f"{joint} {file:.2%} ({model:.2%})"
             for joint, file, model in zip(self.joints, self.file.relative, self.model.relative, strict=True)
         )
-        errors = f"{what}: {total}; {each}."
+        errors = f"{subject}: {total}; {each}."
         if not self.is_notable:
             return (errors,)
         lost = f"This file is {self.file.relative_total / self.model.relative_total:.1f} times as wrong as the model"

@@ -61,11 +61,11 @@ class Unknowns:
                 pointer="/format",
                 title="No links in the model",
             )
-        kept = set(model.base.kept)
+        base_columns = set(model.base.kept)
         spinning = [
             k
             for k, column in enumerate(model.columns)
-            if role_of(column) == "rotor" and not column.runs and (k in kept or not rotors_in_links)
+            if role_of(column) == "rotor" and not column.runs and (k in base_columns or not rotors_in_links)
         ]
         links = tuple(joints.index(model.columns[k].link) for k in rigid[::_TEN])
         rotors = tuple(joints.index(model.columns[k].link) for k in spinning)
@@ -105,9 +105,9 @@ class Unknowns:
         """
         bounds = []
         for place, least in enumerate(slack):
-            own = slice(_TEN * place, _TEN * (place + 1))
-            columns = np.arange(own.start, own.stop)
-            parts = self._shrunk(place) * self.scale[own][:, None, None]
+            link_places = slice(_TEN * place, _TEN * (place + 1))
+            columns = np.arange(link_places.start, link_places.stop)
+            parts = self._shrunk(place) * self.scale[link_places][:, None, None]
             if extra:
                 columns = np.append(columns, self.size + place)
                 parts = np.concatenate([parts, -np.eye(4)[None]])
@@ -138,9 +138,9 @@ class Unknowns:
 
 def _described(model: Model, doubt: FloatArray) -> FloatArray:
     """(n, 10): inertias of the description; a ball about the joint's origin for a link where it says nothing."""
-    stated = np.zeros_like(doubt) if model.robot.inertias is None else model.robot.inertias.copy()
-    for link in np.flatnonzero(stated[:, 9] <= 0):
-        stated[link] = 0.0
-        stated[link, 9] = doubt[link, 9]
-        stated[link, [0, 3, 5]] = _GYRATION**2 * doubt[link, 0]
-    return stated
+    inertias = np.zeros_like(doubt) if model.robot.inertias is None else model.robot.inertias.copy()
+    for link in np.flatnonzero(inertias[:, 9] <= 0):
+        inertias[link] = 0.0
+        inertias[link, 9] = doubt[link, 9]
+        inertias[link, [0, 3, 5]] = _GYRATION**2 * doubt[link, 0]
+    return inertias

@@ -96,13 +96,13 @@ class _Tree:
 
     def fixed_to(self, link: str) -> list[str]:
         """Links that move with a link as one body, itself not among them."""
-        found: list[str] = []
+        links: list[str] = []
         for joint in self._joints.values():
             rigid = joint.getAttribute("type") == "fixed" or joint.getAttribute("name") in self._locked
             if rigid and self._end(joint, "parent") == link:
                 child = self._end(joint, "child")
-                found += [child, *self.fixed_to(child)]
-        return found
+                links += [child, *self.fixed_to(child)]
+        return links
 
     def set_inertial(self, link: str, inertial: Element | None) -> None:
         """Replace the inertia of a link, or take it away."""
@@ -114,8 +114,8 @@ class _Tree:
         """Set the friction of a joint, and its rotor's inertia where it has any."""
         element = self._joints[joint]
         self._remove(element, (ROTOR_TAG,))
-        given = self._children(element, "dynamics")
-        attributes = dict(given[0].attributes.items()) if given else {}
+        dynamics = self._children(element, "dynamics")
+        attributes = dict(dynamics[0].attributes.items()) if dynamics else {}
         self._remove(element, ("dynamics",))
         attributes |= {"damping": number_text(damping), "friction": number_text(friction)}
         self._add(element, Element("dynamics", attributes, 0))
@@ -175,19 +175,19 @@ class _Tree:
         element.insertBefore(node, first)
 
     def _placement(self, joint: minidom.Element) -> pin.SE3:
-        given = self._children(joint, "origin")
-        if not given:
+        origins = self._children(joint, "origin")
+        if not origins:
             return pin.SE3.Identity()
-        translation = _numbers(given[0].getAttribute("xyz") or "0 0 0")
-        if given[0].hasAttribute("quat_xyzw"):
-            rotation = pin.Quaternion(_numbers(given[0].getAttribute("quat_xyzw"))).matrix()
+        translation = _numbers(origins[0].getAttribute("xyz") or "0 0 0")
+        if origins[0].hasAttribute("quat_xyzw"):
+            rotation = pin.Quaternion(_numbers(origins[0].getAttribute("quat_xyzw"))).matrix()
         else:
-            rotation = pin.rpy.rpyToMatrix(_numbers(given[0].getAttribute("rpy") or "0 0 0"))
+            rotation = pin.rpy.rpyToMatrix(_numbers(origins[0].getAttribute("rpy") or "0 0 0"))
         return pin.SE3(rotation, translation)
 
     def _motion(self, joint: minidom.Element, value: float) -> pin.SE3:
-        given = self._children(joint, "axis")
-        axis = _numbers(given[0].getAttribute("xyz")) if given else np.array([1.0, 0.0, 0.0])
+        axes = self._children(joint, "axis")
+        axis = _numbers(axes[0].getAttribute("xyz")) if axes else np.array([1.0, 0.0, 0.0])
         axis = axis / np.linalg.norm(axis)
         if joint.getAttribute("type") == "prismatic":
             return pin.SE3(np.eye(3), value * axis)

@@ -54,39 +54,39 @@ def check_estimator(estimator: Estimator, choices: IdentificationChoices | None 
     )
     data = _data(start, trial)
     problem = _problem(start, chosen, data)
-    kept = [equation.joined.copy() for equation in data.equations.equations]
+    rows_before = [equation.joined.copy() for equation in data.equations.equations]
     fit = estimator.solve(problem)
-    told = [_check_values(start.model, fit, data, _truth(start.model, trial)), _check_statistics(start.model, fit)]
-    changed = [not np.array_equal(a, e.joined) for a, e in zip(kept, data.equations.equations, strict=True)]
+    report = [_check_values(start.model, fit, data, _truth(start.model, trial)), _check_statistics(start.model, fit)]
+    changed = [not np.array_equal(a, e.joined) for a, e in zip(rows_before, data.equations.equations, strict=True)]
     expect(not any(changed), "the estimator has changed the data that it was given")
     again = estimator.solve(problem)
     expect(
         np.allclose(again.solution.values, fit.solution.values, rtol=1e-9, atol=1e-12),
         "the same data give other estimates the second time: draw random numbers from a fixed seed",
     )
-    told.append(_check_more_data(estimator.solve(_problem(few, chosen, _data(few, trial, 1))), fit))
-    return tuple(told)
+    report.append(_check_more_data(estimator.solve(_problem(few, chosen, _data(few, trial, 1))), fit))
+    return tuple(report)
 
 
-def _data(found: Identification, trial: Trial, runs: int | None = None) -> Data:
-    return found.data.to_solve(found.estimate.reference, trial.recordings[:runs])
+def _data(identification: Identification, trial: Trial, runs: int | None = None) -> Data:
+    return identification.data.to_solve(identification.estimate.reference, trial.recordings[:runs])
 
 
-def _problem(found: Identification, choices: IdentificationChoices, data: Data) -> Problem:
-    return Problem(found.model, data, None, choices.covariance, choices.trust)
+def _problem(identification: Identification, choices: IdentificationChoices, data: Data) -> Problem:
+    return Problem(identification.model, data, None, choices.covariance, choices.trust)
 
 
 def _truth(model: Model, trial: Trial) -> FloatArray:
     """(b,): the base parameters that the trial arm has."""
     assert trial.robot.inertias is not None
     links = trial.robot.inertias.reshape(-1)
-    drives = {(one.effect, one.joint, name): value for one in trial.effects for name, value in one.values}
+    drives = {(effect.effect, effect.joint, name): value for effect in trial.effects for name, value in effect.values}
     standard, inertial = np.zeros(len(model.columns)), 0
     for k, column in enumerate(model.columns):
-        given = drives.get((column.effect, column.link, column.parameter))
-        if given is None and inertial < len(links):
-            given, inertial = float(links[inertial]), inertial + 1
-        standard[k] = given or 0.0
+        value_of_column = drives.get((column.effect, column.link, column.parameter))
+        if value_of_column is None and inertial < len(links):
+            value_of_column, inertial = float(links[inertial]), inertial + 1
+        standard[k] = value_of_column or 0.0
     return np.asarray(model.base.grouping @ standard)
 
 

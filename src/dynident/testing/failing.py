@@ -7,7 +7,7 @@ class ConformanceError(AssertionError):
     """An effect or an estimator does not keep to what others rely on; the message says how."""
 
 
-def expect(holds: object, told: str) -> None:
+def expect(holds: object, message: str) -> None:
     """Raise `ConformanceError` with that message unless it holds."""
     if not holds:
-        raise ConformanceError(told)
+        raise ConformanceError(message)

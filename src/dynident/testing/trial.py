@@ -72,13 +72,13 @@ def recorded(effects: Sequence[TrueEffect], *, noise: float = 0.0, runs: int = 2
     robot = trial_arm()
     virtual = VirtualRobot(robot, effects)
     sensors = Sensors(_RATE, None, torque_noise=0.0, torque_noise_absolute=(noise,) * robot.n)
-    made = []
+    recordings = []
     for k in range(runs):
         reference = trial_motion(robot, k)
         later = warmed(replace(reference, t=reference.t + k * _LATER), Warming())
         name = f"run{k + 1}"
-        made.append(_recording(virtual.measure(later, sensors, run=name, seed=k), name))
-    return Trial(robot, tuple(made), tuple(effects))
+        recordings.append(_recording(virtual.measure(later, sensors, run=name, seed=k), name))
+    return Trial(robot, tuple(recordings), tuple(effects))
 
 
 def _recording(measured: Measurement, name: str) -> Recording:
