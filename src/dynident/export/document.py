@@ -1,4 +1,4 @@
-"""The identified model as JSON that holds all that its prediction needs, and is read back by `model_from_json`."""
+"""Write the identified model as JSON with everything that its prediction needs, and read it back."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TITLE = "Unreadable model"
 
 
 def model_document(identification: Identification) -> ModelDocument:
-    """JSON values of the identified model: what predicts, and what people and other programs read.
+    """Return JSON values of the identified model: what predicts, and what people and other programs read.
 
     `columns` are all standard parameters with their units; `grouping` has the weight of each in every base parameter
     (base parameter = Σ weight x standard parameter), zeros left out; `standard_parameters` are a feasible full
@@ -90,17 +90,26 @@ def model_document(identification: Identification) -> ModelDocument:
 
 
 def to_json(identification: Identification) -> str:
-    """Return the document of the identified model as JSON text."""
+    """Return the document of the identified model as JSON text; `model_from_json` reads it."""
     return json.dumps(model_document(identification), indent=1)
 
 
 def model_from_json(text: str) -> PredictingModel:
-    """Return the model of a document that `to_json` wrote, or that stands under "model" in a larger one.
+    """Return the model of a document that `to_json` wrote, or that is under "model" in a larger one.
+
+    Parameters
+    ----------
+    text : str
+        JSON text.
+
+    Returns
+    -------
+    PredictingModel
 
     Raises
     ------
     DynidentError
-        Where the text is something else.
+        If the text is something else.
     """
     document = parse_json(text, "", TITLE)
     if isinstance(document, Mapping) and "format" not in document:
@@ -143,6 +152,7 @@ def _model(document: Mapping[str, Any]) -> PredictingModel:
         rank=int(document["rank"]),
     )
     model = build_model(robot, effects, tolerance=float(document["tolerance"]), base=base)
+    # The stored grouping counts columns by number. A catalogue with other columns would mix up the parameters.
     if tuple(column.name for column in model.columns) != names:
         raise DynidentError("the catalogue of this version has other columns for these effects", title=TITLE)
     values = np.array([float(parameter["value"]) for parameter in parameters])
@@ -153,7 +163,7 @@ def _model(document: Mapping[str, Any]) -> PredictingModel:
 
 
 def _standard(identification: Identification) -> dict[str, dict[str, float]] | None:
-    """A feasible full set of standard parameters, link by link; None where there is none."""
+    """Return a feasible full set of standard parameters by link; None if there is none."""
     try:
         completion = complete(identification)
     except DynidentError:

@@ -17,7 +17,7 @@ class Factor(Protocol):
     """A factor whose products are of its own type: an array or an expression."""
 
     def __mul__(self: FactorT, other: FactorT, /) -> FactorT:
-        """The product."""
+        """Return the product."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""Does an effect keep to what everything that uses effects relies on?"""
+"""Conformance check of an effect: everything that code which uses effects relies on."""
 
 from __future__ import annotations
 
@@ -24,19 +24,20 @@ from dynident.testing.trial import Trial, recorded, trial_arm
 
 _NEEDED = ("id", "title", "formula", "parameters", "signature", "sources")
 _SEEN, _EXPLAINED, _AS_WITHOUT = 2.0, 0.5, 1.5
-"""An effect shows on the trial arm if the usual model leaves so many times what it leaves of an arm without it. The
-model with the effect then leaves no more than a share of that, or hardly more than of the arm without it."""
+"""Limits on the share of torque that models leave unexplained. An effect shows if the usual model leaves `_SEEN` times
+as much on the trial arm with the effect as on one without. The model with the effect must then leave at most
+`_EXPLAINED` of that, or `_AS_WITHOUT` times what is left on the arm without the effect."""
 _LARGER = 8.0
-"""What does not show at its usual size is tried so many times larger."""
+"""Factor by which an effect is enlarged that does not show at its usual size."""
 
 
 def check_effect(effect: Effect | type[Effect], *, found_again: bool = True) -> tuple[str, ...]:
-    """Try an effect on a small arm, whether it is installed or not; the answer says what was tried, and how it went.
+    """Check an effect on a small arm, whether it is installed or not.
 
-    Checked are what it says of itself; that its columns have the right shape, are finite and depend on nothing but
-    `Signals`, so that its torque is linear in its parameters; its stored energy against its torque by finite
+    The check covers its description; the columns, which must have the right shape, be finite and depend on nothing but
+    `Signals`, so that the torque is linear in the parameters; the stored energy against the torque by finite
     differences; the columns whose parameters have a `role`, those of links and loads against Pinocchio; the sign of
-    friction; its shape constants; and that it is found again in the recordings of a virtual robot that has it.
+    friction; the shape constants; and that it explains the recordings of a virtual robot that has it.
 
     Parameters
     ----------
@@ -44,10 +45,15 @@ def check_effect(effect: Effect | type[Effect], *, found_again: bool = True) -> 
     found_again : bool
         Whether to simulate and identify as well, which takes some seconds.
 
+    Returns
+    -------
+    tuple of str
+        What was checked, and the results.
+
     Raises
     ------
     ConformanceError
-        Where something does not hold; the message says what.
+        If a requirement does not hold; the message tells which.
     """
     tested = effect() if isinstance(effect, type) else effect
     _check_words(tested)
@@ -148,7 +154,7 @@ def _check_columns(effect: Effect, states: States, possible: tuple[int, ...]) ->
 
 
 def _check_roles(states: States) -> str:
-    """The columns that others take for a link's, a rotor's or friction's are so."""
+    """Check that columns with a role are those of a link, a rotor, friction and so on."""
     roles = 0
     rigid = _pinocchio_rows(states)
     for k, column in enumerate(states.columns):
@@ -171,7 +177,7 @@ def _check_roles(states: States) -> str:
 
 
 def _pinocchio_rows(states: States) -> FloatArray:
-    """(m, n, 10 n): Pinocchio's regressor, columns XX XY XZ YY YZ ZZ MX MY MZ M a link."""
+    """Return Pinocchio's regressor (m, n, 10 n), with columns XX XY XZ YY YZ ZZ MX MY MZ M a link."""
     import pinocchio as pin
 
     model = to_pinocchio(states.robot)
@@ -183,7 +189,7 @@ def _pinocchio_rows(states: States) -> FloatArray:
 
 
 def _check_energy(states: States) -> str:
-    """Along a motion, stored energy changes by the power of the torque: by finite differences of its value."""
+    """Check by finite differences that stored energy changes by the power of the torque."""
     stored = [k for k, column in enumerate(states.columns) if column.energy is not None]
     for k in stored:
         rate = states.energy_rate(k)
@@ -199,10 +205,11 @@ def _check_energy(states: States) -> str:
 
 
 def _check_friction(effect: Effect, states: States) -> str:
-    """Friction that nature allows one sign takes energy."""
+    """Check that friction with a positive parameter takes energy from the motion."""
     checked = []
     for k, column in enumerate(states.columns):
         spec = described(column)
+        # A column with memory or with the acceleration may give back energy that it has stored before.
         alone = not (ca.depends_on(column.torque, states.signals.ddq) or states.signals.memory_in(column.torque))
         if effect.is_friction and spec is not None and spec.positive and alone:
             power = (states.torque[:, :, k] * states.dq).sum(axis=1)
@@ -212,7 +219,7 @@ def _check_friction(effect: Effect, states: States) -> str:
 
 
 def _check_found_again(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> str:
-    """What a virtual robot has is what explains its recordings."""
+    """Check that the effect explains the recordings of a virtual robot that has it."""
     if any(choice.effect == effect.id for choice in DEFAULT_EFFECTS):
         unexplained = _left(recorded(typical_drive(robot)))
         expect(
@@ -225,6 +232,7 @@ def _check_found_again(effect: Effect, robot: Robot, possible: tuple[int, ...]) 
         usual = typical_effect(robot, effect.id, on)
     except DynidentError as error:
         raise ConformanceError(f"{effect.id} cannot be given a size; write usual(): {error}") from None
+    # Filters and the smooth sign of friction leave some torque even without the effect; compare with that.
     floor = _plain_floor()
     for factor in (1.0, _LARGER):
         values = tuple((name, factor * value) for name, value in usual.values)
@@ -246,7 +254,7 @@ def _check_found_again(effect: Effect, robot: Robot, possible: tuple[int, ...]) 
 
 @cache
 def _plain_floor() -> float:
-    """Share of the torque that filters and a smooth sign of friction leave where no effect is hidden."""
+    """Return the share of the torque that filters and a smooth sign of friction leave without any hidden effect."""
     return _left(recorded(typical_drive(trial_arm())))
 
 
@@ -256,6 +264,6 @@ def _choice(effect: Effect, hidden: TrueEffect) -> EffectChoice:
 
 
 def _left(trial: Trial, *more: EffectChoice) -> float:
-    """Share of the torque that a model leaves unexplained."""
+    """Return the share of the torque that a model leaves unexplained."""
     choices = IdentificationChoices(effects=(*DEFAULT_EFFECTS, *more))
     return identify(trial.robot, trial.recordings, [], choices).fit.relative_total

@@ -13,16 +13,24 @@ from dynident.robot import Robot
 
 _COUNT = 30
 _STEP = 1e-4
-"""s between the two sides of a central difference, halved."""
+"""Step of central differences in s, to each side."""
 _SESSION = 6.0
-"""s."""
+"""Longest time of a random state in s."""
 
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """m random states, the first of them at rest: q, dq, ddq (m, n); `torque` (m, n, columns) for unit parameters.
+    """Columns of an effect at m random states, the first of them at rest.
 
-    `strangers` are names of symbols that the columns depend on and that are none of the signals.
+    Attributes
+    ----------
+    robot, signals, columns
+        The robot, its signals, and the columns of the effect.
+    q, dq, ddq : ndarray (m, n)
+    torque : ndarray (m, n, number of columns)
+        For unit parameters.
+    strangers : tuple of str
+        Symbols that the columns depend on although they are no signals.
     """
 
     robot: Robot
@@ -36,7 +44,7 @@ class States:
 
     @classmethod
     def of(cls, robot: Robot, effect: Effect, joints: tuple[int, ...]) -> States:
-        """Those of an effect on joints of a robot, with its usual shape constants."""
+        """Return the columns of an effect on joints of a robot at random states, with usual shape constants."""
         usual = effect.usual(robot, joints[0])
         shape = effect.shape_with_defaults({} if usual is None else usual.shape)
         names = tuple(robot.joint_names[j] for j in joints) if effect.scope == "joint" else ()
@@ -56,13 +64,14 @@ class States:
         return cls(robot, signals, columns, q, dq, ddq, torque, tuple(sorted(strangers)))
 
     def energy_rate(self, index: int) -> FloatArray:
-        """(m,): rate of a column's stored energy along the motion through each state, by central differences."""
+        """Return the rate (m,) of a column's stored energy along the motion through each state."""
         energy = self.columns[index].energy
         assert energy is not None
         signals = self.signals
         symbols = [signals.q, signals.dq, signals.run_symbols]
         function = ca.Function("energy", symbols, [energy()])
         present = np.ones(signals.run_symbols.shape[0])
+        # Central differences along the parabola with the state's velocity and acceleration.
         sides = []
         for step in (_STEP, -_STEP):
             q, dq = self.q + step * self.dq + 0.5 * step**2 * self.ddq, self.dq + step * self.ddq
@@ -77,7 +86,7 @@ def _known(signals: Signals) -> list[ca.SX]:
 
 
 def _values(signals: Signals, rng: np.random.Generator) -> list[FloatArray]:
-    """One value for each of the signals beside q, dq, ddq; the predicted torque is that of the description."""
+    """Return values of the signals beside q, dq, ddq; predicted torque is that of the description."""
     n, links, ones = signals.robot.n, signals.robot.inertias, np.ones(signals.robot.n)
     if links is None:
         links = np.ones((signals.robot.tree.n, 10))
