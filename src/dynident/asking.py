@@ -302,11 +302,8 @@ def _check_values(value: object, name: str, description: Said, pointer: str) -> 
         for key, item in value.items():
             _check_values(item, f"{name} of {key}", description, f"{pointer}/{_escaped(key)}")
     elif isinstance(value, (tuple, list)):
-        if (
-            not (description.fewest or 0)
-            <= len(value)
-            <= (len(value) if description.most is None else description.most)
-        ):
+        most = len(value) if description.most is None else description.most
+        if not (description.fewest or 0) <= len(value) <= most:
             ends = (("at least", description.fewest), ("at most", description.most))
             allowed = " and ".join(f"{words} {end}" for words, end in ends if end is not None)
             raise DynidentError(f"{name} has {len(value)} items; it must have {allowed}", pointer=pointer)
