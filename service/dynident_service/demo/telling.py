@@ -118,7 +118,7 @@ def envelope(
                 [
                     name,
                     specs[name].unit,
-                    *(specs[name].word(one) or number(one, 4) for one in (true_shape[name], value)),
+                    *(specs[name].word(constant) or number(constant, 4) for constant in (true_shape[name], value)),
                     "",
                 ]
                 for name, value in choice.shape
