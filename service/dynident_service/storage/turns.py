@@ -54,7 +54,7 @@ are. The last row is NULL, for jobs without an owner.
 
 
 def _of_each_owner(query: Select[Any]) -> ColumnElement[Any]:
-    """Return a subquery for the jobs of each owner; written twice, as only so PostgreSQL uses the index for both cases."""
+    """Return a subquery for the jobs of each owner; only written twice PostgreSQL uses the index for both cases."""
     of_nobody = query.where(JOBS.c.owner.is_(None)).scalar_subquery()
     return case(
         (_OWNERS.c.owner.is_(None), of_nobody), else_=query.where(JOBS.c.owner == _OWNERS.c.owner).scalar_subquery()

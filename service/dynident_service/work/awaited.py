@@ -45,21 +45,21 @@ def take_meshes(
     description (`meshes`), which of the sent files is which (`chosen`), and those that are none (`unused`).
     """
     robot = robot_of(request)
-    found = chosen(robot, {name: Path(path) for name, path in sent.items()}) if sent else {}
-    files = {**kept, **{name: sent[file] for name, file in found.items()}}
+    file_names = chosen(robot, {name: Path(path) for name, path in sent.items()}) if sent else {}
+    files = {**kept, **{name: sent[file] for name, file in file_names.items()}}
     geometry = geometry_with(robot, {name: Path(path) for name, path in files.items()})
     Path(destination).write_text(geometry.model_dump_json(), encoding="utf-8")
     meshes = [plain(MeshView(name=name, links=list(links))) for name, links in collision_meshes(robot).items()]
-    return {"meshes": meshes, "chosen": found, "unused": sorted(set(sent) - set(found.values()))}
+    return {"meshes": meshes, "chosen": file_names, "unused": sorted(set(sent) - set(file_names.values()))}
 
 
 def import_measurement(
     source: str, destination: str, robot: Mapping[str, object], metadata: Mapping[str, object], sha256: str
 ) -> dict[str, object]:
     """Check a file, write its recording, and describe it."""
-    said = MeasurementMetadata.model_validate(metadata)
+    sent_metadata = MeasurementMetadata.model_validate(metadata)
     try:
-        recording, checks = import_file(Path(source), Path(destination), robot_of(robot), said)
+        recording, checks = import_file(Path(source), Path(destination), robot_of(robot), sent_metadata)
     except RecordingError as error:
         raise ProblemError.of(problem_with_file(error)) from error
     return plain(describe_recording(recording, checks, sha256))
@@ -103,9 +103,9 @@ def clearances(
     request: Mapping[str, object], robot: Mapping[str, object], meshes: Mapping[str, str], trajectory: str, points: int
 ) -> dict[str, object]:
     """Tell what the links of a robot are nearest to along a design; `meshes` are files by the names of the meshes."""
-    asked = DesignRequest.model_validate(request)
+    design_request = DesignRequest.model_validate(request)
     with mesh_folders({name: Path(path) for name, path in meshes.items()}) as folders:
-        return plain(clearances_of(asked, robot_of(robot), Path(trajectory), folders, points))
+        return plain(clearances_of(design_request, robot_of(robot), Path(trajectory), folders, points))
 
 
 def essential(model: str, ratio: float) -> dict[str, object]:

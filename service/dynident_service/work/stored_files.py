@@ -51,15 +51,15 @@ def read_stored(
     return None
 
 
-def _problem(what: str, read: Callable[[], object]) -> str | None:
+def _problem(part_name: str, read: Callable[[], object]) -> str | None:
     try:
         read()
     except ProblemError as error:
-        return f"{what}: {error.problem.detail}"
+        return f"{part_name}: {error.problem.detail}"
     except DynidentError as error:
-        return f"{what}: {error.detail}"
+        return f"{part_name}: {error.detail}"
     except Exception as error:  # what damaged or foreign bytes raise is no closed list
-        return f"{what}: {type(error).__name__}: {error}"
+        return f"{part_name}: {type(error).__name__}: {error}"
     return None
 
 

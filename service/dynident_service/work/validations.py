@@ -15,10 +15,10 @@ def validate_model(task: Task) -> Outcome:
     request = ValidationRequest.model_validate(task.subject.request)
     trial = trial_from_request(request)
     ids = task.subject.all("measurement")
-    tried = Tried(
+    trial_data = Tried(
         model_by_id(task, request.identification_id),
         recordings_by_id(task, ids),
         recordings_by_id(task, task.subject.all("training")),
         task.progress,
     )
-    return Outcome(plain(describe(trial, trial.judge(tried), ids)))
+    return Outcome(plain(describe(trial, trial.judge(trial_data), ids)))

@@ -50,22 +50,27 @@ def judge(
 ) -> dict[str, object]:
     """Say what the model in a file is fit for."""
     names: set[str] = set()
-    seen = [_opened(one, names) for one in fitted], [_opened(one, names) for one in held_out]
-    pairs = zip([*seen[0], *seen[1]], [*fitted, *held_out], strict=True)
-    checks = {one.recording.name: _checks(given) for one, given in pairs}
-    recordings, validation = ([one.recording for one in group] for group in seen)
-    ended = [Outcome(one["kind"], Judged(one["verdict"], one["reason"])) for one in outcomes]
-    found = verdict(from_bytes(Path(model).read_bytes()), recordings, validation, checks, ended)
-    return plain(show_verdict(found, [*seen[0], *seen[1]]))
+    opened = (
+        [_opened(measurement, names) for measurement in fitted],
+        [_opened(measurement, names) for measurement in held_out],
+    )
+    pairs = zip([*opened[0], *opened[1]], [*fitted, *held_out], strict=True)
+    checks = {measurement.recording.name: _checks(sent) for measurement, sent in pairs}
+    recordings, validation = ([measurement.recording for measurement in group] for group in opened)
+    ended = [Outcome(outcome["kind"], Judged(outcome["verdict"], outcome["reason"])) for outcome in outcomes]
+    result = verdict(from_bytes(Path(model).read_bytes()), recordings, validation, checks, ended)
+    return plain(show_verdict(result, [*opened[0], *opened[1]]))
 
 
-def _checks(one: SentMeasurement) -> list[Check]:
-    return [Check(check["name"], check["status"], check["detail"]) for check in one["checks"]]
+def _checks(measurement: SentMeasurement) -> list[Check]:
+    return [Check(check["name"], check["status"], check["detail"]) for check in measurement["checks"]]
 
 
-def _opened(one: SentMeasurement, names: set[str]) -> SeenMeasurement:
-    recording = open_recording(Path(one["recording"]))
+def _opened(measurement: SentMeasurement, names: set[str]) -> SeenMeasurement:
+    recording = open_recording(Path(measurement["recording"]))
     # The verdict tells of recordings by name, and measurements may share one.
-    name = recording.name if recording.name not in names else f"{recording.name} ({one['id']})"
+    name = recording.name if recording.name not in names else f"{recording.name} ({measurement['id']})"
     names.add(name)
-    return SeenMeasurement(one["id"], replace(recording, name=name), MeasurementMetadata.model_validate(one["request"]))
+    return SeenMeasurement(
+        measurement["id"], replace(recording, name=name), MeasurementMetadata.model_validate(measurement["request"])
+    )
