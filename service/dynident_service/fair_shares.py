@@ -39,6 +39,7 @@ def _subscriber(host: str) -> str:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:  # no address, as of a socket in the file system
         return host
+    # An IPv4 address stands for one subscriber; an IPv6 subscriber could use a new address for each request.
     if isinstance(address, ipaddress.IPv4Address) or address.ipv4_mapped:
         return host
     return str(ipaddress.ip_network((address.packed, PREFIX), strict=False))

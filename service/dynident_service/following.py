@@ -71,6 +71,7 @@ class Following:
         try:
             thread = anyio.CapacityLimiter(1)
             while self._followers:
+                # Many reports that come at once are answered by one query.
                 await asyncio.sleep(SOONEST)
                 if not self._unseen:
                     await self._until_told(LATEST - SOONEST)

@@ -61,6 +61,7 @@ class Housekeeping:
         if self._abandoned_before and self._examined is None:
             self._remove_what_was_being_written()
         forget_imports(self._database, timedelta(seconds=KEPT))
+        # Swept only after a grace period, since an upload may be about to own a file that looks abandoned.
         swept = sweep(self._database, self._objects, timedelta(seconds=self._settings.deleted_kept_seconds))
         if swept:
             log.info("%d files that nobody owned were deleted", swept)

@@ -236,6 +236,7 @@ class Admission:
         self._requests = SharedPlaces(settings.max_requests)
         self._followers = SharedPlaces(settings.max_followers)
         self._short = SharedPlaces(MOST_A_THREAD * settings.request_threads)
+        # With PostgreSQL a request mostly waits for the server, so more of them can be answered at a time.
         waits = not settings.database.startswith("sqlite")
         self._queue = FairQueue(settings.request_threads if waits else min(AT_A_TIME, settings.request_threads))
 

@@ -47,6 +47,7 @@ class Check:
         moment = time.monotonic()
         if self._task is None or (self._task.done() and moment - self._began >= FRESH):
             self._began, self._task = moment, asyncio.create_task(self._answer())
+        # `wait` leaves the task running at the timeout, unlike `wait_for`, which would cancel it.
         await asyncio.wait({self._task}, timeout=max(0.0, self._began + self._longest - time.monotonic()))
         state = self._task.result() if self._task.done() else f"failed: no answer within {self._longest:g} s"
         if state == "ok":

@@ -65,6 +65,7 @@ class Cluster:
         key = f"{claim.job_id}-{claim.attempt}"
         future = self._client.submit(run_claim, claim, self._place, __version__, key=key, pure=False)
         future.add_done_callback(lambda _: ended())
+        # Without it Dask cancels a task as soon as nobody holds its future.
         fire_and_forget(future)
 
     def _identity(self) -> str:

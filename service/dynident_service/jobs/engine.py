@@ -126,6 +126,7 @@ class Engine:
                 if time.monotonic() - began > STEADY:
                     pause = FIRST_PAUSE
                 self._stop.wait(pause)
+                # Pauses double, so that a scheduler that stays away is not asked all the time.
                 pause = min(2 * pause, LONGEST_PAUSE)
         self.state = "stopped"
 

@@ -34,6 +34,7 @@ class Child:
         self.heartbeats = 0
         self._scratch = _make_scratch(confinement.scratch)
         ours, theirs = socket.socketpair()
+        # The child holds the other end of this pipe: when this process ends, however that happens, the child is killed.
         lifeline, self._lifeline = os.pipe()
         try:
             nursery.fork(theirs.fileno(), lifeline)
@@ -154,6 +155,7 @@ class ChildPool:
 
     def put_back(self, child: Child, receipt: Receipt | Answer) -> None:
         """Take back a child whose job has ended."""
+        # The allocator keeps freed memory, so a child that once needed much would hold it for good.
         if receipt.peak_memory > MEMORY_LIMIT or len(self._idle) >= self._size:
             self.replace(child)
             return

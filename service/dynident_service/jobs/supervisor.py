@@ -69,6 +69,7 @@ def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> No
         end = pool.replace(child)
         if pool.closed:
             patiently(lambda: ledger.release(claim), LAST_PATIENCE)
+        # A job that exhausts the memory fails at once: repeated attempts would only kill the process again.
         elif end is not None and end.code < 0 and end.peak_memory > MUCH_MEMORY * place.memory:
             patiently(lambda: ledger.fail(claim, out_of_memory(place.memory)), PATIENCE)
         else:

@@ -246,6 +246,7 @@ def read_rows(files: Files, table: Table) -> Iterator[Row]:
     number = 0
     try:
         with files.read(name) as file:
+            # The limit keeps a hostile file with one endless line from filling the memory.
             while line := file.readline(LONGEST_ROW):
                 number += 1
                 yield _row(line, times)

@@ -208,6 +208,7 @@ def _family(connection: Connection, robot_id: str) -> list[str]:
     for dependent, on in pairs:
         resting.setdefault(on, []).append(dependent)
         needed.setdefault(dependent, []).append(on)
+    # A resource whose job has not ended cannot be exported, and neither can anything that depends on it.
     unfinished = _closure(unfinished, resting)
     family = _closure({robot_id}, resting) - unfinished
     return sorted(_closure(family, needed))

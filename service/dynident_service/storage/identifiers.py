@@ -43,6 +43,7 @@ class _Clock:
         fresh = (time.time_ns() // 1_000_000) << 80 | secrets.randbits(80)
         with self._lock:
             # The step is 64 bits of chance: nobody guesses the next identifier from the last.
+            # `behind` also covers a clock that was set back.
             behind = fresh >> 80 <= self._last >> 80
             self._last = self._last + 1 + secrets.randbits(64) if behind else fresh
             return self._last

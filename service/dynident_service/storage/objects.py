@@ -53,6 +53,7 @@ class ObjectStore:
     def __init__(self, url: str, cache_dir: Path) -> None:
         self.url = url
         self._cache_dir = cache_dir
+        # Identity of each file that was verified: inode, time of change, and size.
         self._verified: dict[Path, tuple[int, int, int]] = {}
         self._folder = Path(unquote(urlsplit(url).path)) if urlsplit(url).scheme == "file" else None
         self._store = LocalStore(self._folder, mkdir=True) if self._folder is not None else from_url(url)
@@ -63,6 +64,7 @@ class ObjectStore:
 
     def put_hashed(self, file: BinaryIO, key: str, size: int) -> Stored:
         """Store the content of a file whose hash and size are known; a damaged object is written again."""
+        # Equal contents have equal keys, so an object that is whole need not be written again.
         if self._is_whole(file, key, size):
             return Stored(key, size, created=False)
         file.seek(0)

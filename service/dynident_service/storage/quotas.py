@@ -187,6 +187,7 @@ def check_bytes(session: Session, account: Account | None, owned: Iterable[Owned
     new = {owned_object.key: owned_object.size for owned_object in owned}
     if account is None or not account.limits.bytes or not (new or at_least):
         return
+    # A file that the account owns already is stored only once, and takes no further room.
     known = session.scalars(_HAS, {_OWNER: account.name, "keys": list(new)}) if new else ()
     for key in known:
         new.pop(key)

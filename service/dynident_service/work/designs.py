@@ -22,6 +22,7 @@ def design(task: Task) -> Outcome:
     robot = robot_by_id(task, sent_request.robot_id)
     earlier = recordings_by_id(task, sent_request.earlier_ids)
     meshes = meshes_of(task.resources.get("robot", sent_request.robot_id))
+    # Descriptions name meshes by path, so the stored files are given these names in a temporary folder.
     with mesh_folders({name: task.objects.path(file.key) for name, file in meshes.items()}) as folders:
         request = request_of(sent_request, robot)
         surroundings = replace(request.surroundings, mesh_folders=tuple(map(str, folders)))

@@ -1,4 +1,4 @@
-"""Jobs that find what is missing in a model."""
+"""Jobs that find which effects a model lacks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dynident_service.work.means import model_by_id, recordings_by_id
 
 
 def diagnose_model(task: Task) -> Outcome:
-    """Find what is missing in an identified model."""
+    """Find which effects an identified model lacks, and propose the next experiment."""
     subject = task.subject
     request = DiagnosisRequest.model_validate(subject.request)
     choices = taken(request, DiagnosisChoices)
@@ -33,6 +33,7 @@ def diagnose_model(task: Task) -> Outcome:
         progress=part(task.progress, 0.0, 0.9),
     )
     diagnosis = advise(examined)
+    # With a baseline, the evidence is of a model identified on all recordings as if nothing had changed.
     explained_model, explained_recordings, _ = (
         together(model, earlier, recordings) if earlier else (model, recordings, ())
     )

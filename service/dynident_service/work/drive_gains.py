@@ -22,7 +22,7 @@ from dynident_service.work.means import recording_by_id, robot_by_id
 
 
 def find_gains(task: Task) -> Outcome:
-    """Identify the drive gains from runs without and with a load, and weigh other loads with them."""
+    """Identify the drive gains from motions without and with a known load, and weigh further loads with them."""
     request = DriveGainsRequest.model_validate(task.subject.request)
     robot = robot_by_id(task, request.robot_id)
     weigh = request.weigh or []
@@ -61,7 +61,7 @@ def _weighed(
 
 
 def _recordings(task: Task, unloaded: Sequence[str], loaded: Sequence[str]) -> tuple[list[Recording], list[Recording]]:
-    """Open measurements; where several have the same name, their ids tell them apart."""
+    """Open measurements without and with the load; equal names are made distinct by their ids."""
     identifiers = [*unloaded, *loaded]
     recordings = [recording_by_id(task, identifier) for identifier in identifiers]
     names = Counter(recording.name for recording in recordings)
@@ -74,7 +74,7 @@ def _recordings(task: Task, unloaded: Sequence[str], loaded: Sequence[str]) -> t
 
 @contextmanager
 def _told_of(unloaded: str, loaded: str, count: int) -> Iterator[None]:
-    """Point errors of the science to fields of the request; `count` of the recordings are without the load."""
+    """Map error pointers of the library to fields of the request; the first `count` recordings are without the load."""
     try:
         yield
     except DynidentError as error:

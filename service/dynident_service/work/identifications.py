@@ -1,4 +1,4 @@
-"""Jobs that identify a model, add effects to one, or take them out again; and which revision of which file it saw."""
+"""Jobs that identify a model, extend it by effects or remove effects, and record which revisions of files it used."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def extend_model(task: Task) -> Outcome:
 
 
 def remove_from_model(task: Task) -> Outcome:
-    """Take effects out of an identified model."""
+    """Remove effects from an identified model."""
     parent_id = task.subject.one("parent")
     request = StoredIdentification.model_validate(task.subject.request)
     parent = model_by_id(task, parent_id)
@@ -50,6 +50,7 @@ def remove_from_model(task: Task) -> Outcome:
 def _outcome(
     task: Task, model: Identification, parent_id: str | None = None, parent: Identification | None = None
 ) -> Outcome:
+    # The next job of this process, a diagnosis or a report, most probably needs the same model.
     task.memory.keep(Identification, task.subject.id, model)
     model_file = task.keep("model", to_bytes(model), "application/vnd.dynident.model+npz")
     described = describe_identification(model, parent_id, parent)
@@ -57,7 +58,7 @@ def _outcome(
 
 
 def seen_measurements(task: Task) -> list[SeenMeasurement]:
-    """Tell of all measurements of the identification that a job computes."""
+    """Return the measurements of the identification that a job computes, each with its hash and revision."""
     request = StoredIdentification.model_validate(task.subject.request)
     pairs = [("identification", identifier) for identifier in request.measurement_ids]
     return [

@@ -62,7 +62,7 @@ def write_report(task: Task) -> Outcome:
 
 
 def _runs(task: Task, request: ReportRequest, identification: Resource) -> list[ReportedRun]:
-    """The recordings to show, each with the prediction beside it."""
+    """Return the recordings to show, each with the model's prediction."""
     model: Identification = model_by_id(task, identification.id)
     model_request = StoredIdentification.model_validate(identification.request)
     measurement_ids = request.measurement_ids or [*model_request.measurement_ids, *model_request.validation_ids]
@@ -84,7 +84,7 @@ def _runs(task: Task, request: ReportRequest, identification: Resource) -> list[
 
 
 def _design(task: Task, identifier: str | None) -> Design | None:
-    """The experiment, once it is computed."""
+    """Return the designed experiment, or None if the report has none."""
     if identifier is None:
         return None
     stored = task.resources.get("design", identifier)
@@ -92,7 +92,7 @@ def _design(task: Task, identifier: str | None) -> Design | None:
 
 
 def _validations(task: Task, request: ReportRequest, model: Identification) -> list[ReportedValidation]:
-    """How the validations that were asked for ended."""
+    """Return the results of the validations to show."""
     joints = model.model.robot.joint_names
     stored = [task.resources.get("validation", identifier).result for identifier in request.validation_ids]
     return [reported(ValidationResult.model_validate(result), joints) for result in stored]

@@ -1,4 +1,4 @@
-"""Jobs that follow a robot over many days."""
+"""Jobs that monitor a robot over many days."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from dynident_service.work.means import model_by_id, recordings_by_id
 
 
 def follow_robot(task: Task) -> Outcome:
-    """Say what has changed over the days, since when, and how each parameter went."""
+    """Find what has changed over the days and since when, and track each parameter."""
     request = SeriesRequest.model_validate(task.subject.request)
     measure, days = _begun(task, request)
     for number, day_request in enumerate(request.days):
@@ -33,9 +33,9 @@ def follow_robot(task: Task) -> Outcome:
 
 
 def _begun(task: Task, request: SeriesRequest) -> tuple[Measure, list[Day]]:
-    """What days are reduced to, and those of the series that this one continues.
+    """Return what each day is reduced to, and the days of the series that this one continues.
 
-    The temperatures are taken in where the first day of all has them.
+    Temperatures are included if the first day of all has them.
     """
     model = model_by_id(task, request.identification_id)
     if request.continues is None:
@@ -50,6 +50,7 @@ def _begun(task: Task, request: SeriesRequest) -> tuple[Measure, list[Day]]:
 def _day(task: Task, measure: Measure, day_request: AskedDay, before: Sequence[Day], pointer: str) -> Day:
     recordings = recordings_by_id(task, day_request.measurement_ids)
     source = hashlib.sha256(",".join(day_request.measurement_ids).encode()).hexdigest()
+    # The same day twice would count its noise as evidence for constancy.
     if any(day.source == source for day in before):
         raise DynidentError("these measurements are a day of the series already", pointer=pointer, title="Twice")
     return measured(measure, day_request.name or free_name(recordings[0].name, before), recordings, source=source)

@@ -1,4 +1,4 @@
-"""Jobs that measure a virtual robot."""
+"""Jobs that simulate measurements of a virtual robot."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PARQUET = "application/vnd.apache.parquet"
 
 
 def measure_virtual_robot(task: Task) -> Outcome:
-    """Have a virtual robot make a motion; what its sensors give becomes a measurement."""
+    """Simulate a motion of a virtual robot; the readings of its sensors become a measurement."""
     sent_request = SimulationRequest.model_validate(task.subject.request)
     robot = robot_by_id(task, sent_request.robot_id)
     simulation_choices = taken(sent_request, Simulated)
@@ -37,6 +37,7 @@ def measure_virtual_robot(task: Task) -> Outcome:
     metadata = body(MeasurementMetadata, recording_metadata, robot_id=sent_request.robot_id)
     with tempfile.TemporaryDirectory() as folder:
         source = write_measurement(simulated, Path(folder) / "measurement.parquet")
+        # Imported like an uploaded file, so that a simulated measurement has passed the same checks as a real one.
         recording, checks = import_file(source, Path(folder) / "recording.parquet", robot, metadata)
         original = task.keep("original", source, PARQUET)
         canonical = task.keep("recording", Path(folder) / "recording.parquet", PARQUET)
@@ -53,7 +54,7 @@ def measure_virtual_robot(task: Task) -> Outcome:
 
 
 def _motion(task: Task, sent_request: SimulationRequest, robot: Robot, seed: int) -> tuple[Reference, float]:
-    """The motion wanted, and its sampling rate in Hz."""
+    """Return the motion to simulate, and its sampling rate in Hz."""
     if isinstance(sent_request.trajectory, Samples):
         return simulations.reference_of(sent_request.trajectory), simulations.RATE_OF_SAMPLES
     if sent_request.trajectory is not None:

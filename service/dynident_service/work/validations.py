@@ -1,4 +1,4 @@
-"""Jobs that try an identified model."""
+"""Jobs that validate an identified model."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dynident_service.work.means import model_by_id, recordings_by_id
 
 
 def validate_model(task: Task) -> Outcome:
-    """Try a model by the test that was asked for."""
+    """Validate a model by the requested test."""
     request = ValidationRequest.model_validate(task.subject.request)
     trial = trial_from_request(request)
     ids = task.subject.all("measurement")

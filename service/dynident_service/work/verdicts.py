@@ -1,4 +1,4 @@
-"""Verdicts of models, for requests that wait for them: plain values in, plain values out."""
+"""Fitness for use of models, for requests that wait: plain values in, plain values out."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dynident_service.models.measurements import MeasurementMetadata
 
 
 class SentCheck(TypedDict):
-    """What is sent of a check."""
+    """Check of a recording, as sent to the child process."""
 
     name: str
     status: Status
@@ -26,7 +26,7 @@ class SentCheck(TypedDict):
 
 
 class SentMeasurement(TypedDict):
-    """What is sent of a measurement; `recording` is a path, `checks` are as they were found."""
+    """Measurement as sent to the child process; `recording` is a path."""
 
     id: str
     recording: str
@@ -35,7 +35,7 @@ class SentMeasurement(TypedDict):
 
 
 class SentOutcome(TypedDict):
-    """What is sent of a validation that has ended."""
+    """Finished validation, as sent to the child process."""
 
     kind: str
     verdict: Verdict
@@ -48,7 +48,17 @@ def judge(
     held_out: Sequence[SentMeasurement],
     outcomes: Sequence[SentOutcome] = (),
 ) -> dict[str, object]:
-    """Say what the model in a file is fit for."""
+    """Return what the model in a file is fit for.
+
+    Parameters
+    ----------
+    model : str
+        Path of the model.
+    fitted, held_out : sequence of SentMeasurement
+        Measurements that the model was fitted to, and others.
+    outcomes : sequence of SentOutcome
+        Finished validations of the model.
+    """
     names: set[str] = set()
     opened = (
         [_opened(measurement, names) for measurement in fitted],
@@ -68,7 +78,7 @@ def _checks(measurement: SentMeasurement) -> list[Check]:
 
 def _opened(measurement: SentMeasurement, names: set[str]) -> SeenMeasurement:
     recording = open_recording(Path(measurement["recording"]))
-    # The verdict tells of recordings by name, and measurements may share one.
+    # The verdict refers to recordings by name, and two measurements may have the same one.
     name = recording.name if recording.name not in names else f"{recording.name} ({measurement['id']})"
     names.add(name)
     return SeenMeasurement(
