@@ -28,8 +28,8 @@ _MODULES = dict.fromkeys(("restore", "export_robot", "import_robot"), "backup")
 """Of those that stand in another's."""
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(is_requested: bool) -> None:
+    if is_requested:
         typer.echo(f"dynident {__version__}")
         raise typer.Exit
 
@@ -68,8 +68,8 @@ def _guarded(command: Callable[..., None]) -> Callable[..., None]:
 
 def program(typed: str | None = None) -> typer.Typer:
     """The command line: of all commands, or with the one alone that was typed, where it is one: others cost time."""
-    chosen = [one for one in _COMMANDS if one.replace("_", "-") == typed] or _COMMANDS
-    made = typer.Typer(
+    command_names = [command_name for command_name in _COMMANDS if command_name.replace("_", "-") == typed] or _COMMANDS
+    application = typer.Typer(
         name="dynident",
         help="Identify the dynamic parameters of a robot, and name the physics that its model is missing.",
         no_args_is_help=True,
@@ -78,11 +78,11 @@ def program(typed: str | None = None) -> typer.Typer:
         rich_markup_mode=None,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    made.callback()(_root)
-    for one in chosen:
-        module = import_module(f"dynident_service.cli.verbs.{_MODULES.get(one, one)}")
-        made.command()(_guarded(with_options(getattr(module, one))))
-    return made
+    application.callback()(_root)
+    for command_name in command_names:
+        module = import_module(f"dynident_service.cli.verbs.{_MODULES.get(command_name, command_name)}")
+        application.command()(_guarded(with_options(getattr(module, command_name))))
+    return application
 
 
 def __getattr__(name: str) -> typer.Typer:

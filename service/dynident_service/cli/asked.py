@@ -45,49 +45,49 @@ class Typed:
         try:
             return science(**{**dict(self._given(science, more)), **more})
         except DynidentError as error:
-            options = {f"/{one.name}": _option(one) for one in fields(science)}  # type: ignore[arg-type]
+            options = {f"/{request_field.name}": _option(request_field) for request_field in fields(science)}  # type: ignore[arg-type]
             error.pointer = options.get(error.pointer, error.pointer)
             raise
 
     def _given(self, science: type, more: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-        for one in fields(science):
-            if one.name in more or said_of(one).option == "-":
+        for request_field in fields(science):
+            if request_field.name in more or said_of(request_field).option == "-":
                 continue
-            hint = _hint(science, one)
+            hint = _hint(science, request_field)
             if is_dataclass(hint):
-                yield one.name, self.request(hint)  # type: ignore[arg-type]
-            elif _key(science, one) in self.values:
-                typed = self.values[_key(science, one)]
+                yield request_field.name, self.request(hint)  # type: ignore[arg-type]
+            elif _key(science, request_field) in self.values:
+                typed = self.values[_key(science, request_field)]
                 if typed is not None and typed != []:
-                    yield one.name, _read(typed, said_of(one), hint, _option(one))
+                    yield request_field.name, _read(typed, said_of(request_field), hint, _option(request_field))
 
 
 def with_options(command: Callable[..., None]) -> Callable[..., None]:
     """A command whose parameters are groups of options and requests as one with each option for itself."""
     hints = get_type_hints(command, include_extras=True)
     groups: dict[str, dict[str, inspect.Parameter]] = {}
-    every: list[inspect.Parameter] = []
+    all_parameters: list[inspect.Parameter] = []
     for name, parameter in inspect.signature(command).parameters.items():
-        made = _parameters(name, parameter, hints[name])
-        groups[name] = {one.name: one for one in made}
-        every += made
-    every.sort(key=lambda one: one.default is not inspect.Parameter.empty)
+        group_parameters = _parameters(name, parameter, hints[name])
+        groups[name] = {option.name: option for option in group_parameters}
+        all_parameters += group_parameters
+    all_parameters.sort(key=lambda option: option.default is not inspect.Parameter.empty)
 
     @functools.wraps(command)
     def spread(**options: Any) -> None:
         command(**{name: _gathered(hints[name], name, group, options) for name, group in groups.items()})
 
-    spread.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
-    spread.__annotations__ = {one.name: one.annotation for one in every}
+    spread.__signature__ = inspect.Signature(all_parameters)  # type: ignore[attr-defined]
+    spread.__annotations__ = {option.name: option.annotation for option in all_parameters}
     return spread
 
 
 def _gathered(hint: Any, name: str, group: Mapping[str, Any], options: Mapping[str, Any]) -> Any:
     kind, asks = _of(hint)
     if asks is not None:
-        return Typed({one: options[one] for one in group})
+        return Typed({option_name: options[option_name] for option_name in group})
     if is_dataclass(kind):
-        return kind(**{one: options[one] for one in group})  # type: ignore[operator]
+        return kind(**{option_name: options[option_name] for option_name in group})  # type: ignore[operator]
     return options[name]
 
 
@@ -98,7 +98,10 @@ def _parameters(name: str, parameter: inspect.Parameter, hint: Any) -> list[insp
     if is_dataclass(kind):
         inner = get_type_hints(kind, include_extras=True)
         # A list is made anew for every call by its option.
-        defaults = {one.name: MISSING if one.default_factory is list else default_of(one) for one in fields(kind)}
+        defaults = {
+            group_field.name: MISSING if group_field.default_factory is list else default_of(group_field)
+            for group_field in fields(kind)
+        }
         return [_parameter(name, inner[name], default) for name, default in defaults.items()]
     missing = parameter.default is inspect.Parameter.empty
     return [_parameter(name, hint, MISSING if missing else parameter.default)]
@@ -107,40 +110,44 @@ def _parameters(name: str, parameter: inspect.Parameter, hint: Any) -> list[insp
 def _of(hint: Any) -> tuple[Any, Asks | None]:
     if get_origin(hint) is not Annotated:
         return hint, None
-    return hint.__origin__, next((one for one in hint.__metadata__ if isinstance(one, Asks)), None)
+    return hint.__origin__, next((marker for marker in hint.__metadata__ if isinstance(marker, Asks)), None)
 
 
 def _parameter(name: str, hint: Any, default: Any) -> inspect.Parameter:
-    stated = inspect.Parameter.empty if default is MISSING else default
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=stated, annotation=hint)
+    signature_default = inspect.Parameter.empty if default is MISSING else default
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=signature_default, annotation=hint)
 
 
 def _of_request(science: type, but: Sequence[str] = ()) -> Iterator[inspect.Parameter]:
-    for one in fields(science):
-        about = said_of(one)
-        if one.name in but or about.option == "-":
+    for request_field in fields(science):
+        about = said_of(request_field)
+        if request_field.name in but or about.option == "-":
             continue
-        hint = _hint(science, one)
+        hint = _hint(science, request_field)
         if is_dataclass(hint):
             yield from _of_request(hint)  # type: ignore[arg-type]
         else:
-            typed, metavar, default = _as_typed(hint, about, default_of(one))
+            typed, metavar, default = _as_typed(hint, about, default_of(request_field))
             # A flag can be switched off as well as on: a preset of the command may have switched it on.
-            declared = f"{_option(one)}/--no-{_option(one)[2:]}" if hint is bool else _option(one)
+            declared = (
+                f"{_option(request_field)}/--no-{_option(request_field)[2:]}"
+                if hint is bool
+                else _option(request_field)
+            )
             option = typer.Option(declared, metavar=metavar, help=_help(about), show_default=default not in (None, ""))
             if typed is list[str]:
                 option.default_factory = list
                 option.show_default = False
                 default = MISSING
-            yield _parameter(_key(science, one), Annotated[typed, option], default)
+            yield _parameter(_key(science, request_field), Annotated[typed, option], default)
 
 
-def _hint(science: type, one: Field[Any]) -> Any:
+def _hint(science: type, request_field: Field[Any]) -> Any:
     """The type of a field, an optional one without its None; that of a choice is its name."""
-    if said_of(one).kinds is not None:
+    if said_of(request_field).kinds is not None:
         return str
-    parts = [part for part in get_args(hint_of(science, one)) if part is not type(None)]
-    whole = hint_of(science, one)
+    parts = [part for part in get_args(hint_of(science, request_field)) if part is not type(None)]
+    whole = hint_of(science, request_field)
     return parts[0] if len(parts) == 1 and type(None) in get_args(whole) else whole
 
 
@@ -164,7 +171,7 @@ def _read(typed: Any, about: Said, hint: Any, option: str) -> Any:
     origin, parts = get_origin(hint), get_args(hint)
     if origin is tuple and isinstance(typed, list):
         items = [part.strip() for text in typed for part in text.split(",") if part.strip()]
-        return tuple(parsing.number(one, option) for one in items) if parts[0] in (int, float) else tuple(items)
+        return tuple(parsing.number(item, option) for item in items) if parts[0] in (int, float) else tuple(items)
     if isinstance(typed, list):
         return {name: parsing.number(value, option) for name, value in parsing.pairs(typed, option).items()}
     return typed
@@ -193,10 +200,10 @@ def _help(about: Said) -> str:
     return f"{sentence}."
 
 
-def _option(one: Field[Any]) -> str:
-    return said_of(one).option or "--" + one.name.replace("_", "-")
+def _option(request_field: Field[Any]) -> str:
+    return said_of(request_field).option or "--" + request_field.name.replace("_", "-")
 
 
-def _key(science: type, one: Field[Any]) -> str:
+def _key(science: type, request_field: Field[Any]) -> str:
     """The name of the parameter: that of the option, which no two fields share."""
-    return _option(one)[2:].replace("-", "_")
+    return _option(request_field)[2:].replace("-", "_")

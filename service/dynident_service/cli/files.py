@@ -22,21 +22,21 @@ class LookedFor:
     check: Callable[[Any], None]
 
 
-def check_inputs(command: Callable[..., None], given: Mapping[str, object]) -> None:
+def check_inputs(command: Callable[..., None], options: Mapping[str, object]) -> None:
     """Raise `DynidentError` where an option of a command names what is not there."""
     for name, hint in get_type_hints(command, include_extras=True).items():
         if get_origin(hint) is Annotated:
             for marker in hint.__metadata__:
                 if isinstance(marker, LookedFor):
-                    for value in _values(given.get(name)):
+                    for value in _values(options.get(name)):
                         marker.check(value)
 
 
-def _values(given: Any) -> Iterator[Any]:
-    if isinstance(given, (list, tuple)):
-        yield from given
-    elif given is not None:
-        yield given
+def _values(option: Any) -> Iterator[Any]:
+    if isinstance(option, (list, tuple)):
+        yield from option
+    elif option is not None:
+        yield option
 
 
 def check_readable(path: Path) -> None:

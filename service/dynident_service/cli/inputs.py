@@ -62,12 +62,12 @@ class Loaded:
     said: RecordingMetadata
 
 
-def robot_of(text: str, beside: Beside = _NOTHING_BESIDE) -> Robot:
+def robot_of(text: str, additions: Beside = _NOTHING_BESIDE) -> Robot:
     """The robot that an argument means, a file or a well-known arm, with what options say beside it."""
     check_robot(text)
-    upright = parsing.vector(beside.gravity, "--gravity") if beside.gravity else None
-    robot = load_robot(text, locked_joints=parsing.locks(beside.lock), gravity=upright)
-    return with_gains(robot, beside.drive_gains)
+    upright = parsing.vector(additions.gravity, "--gravity") if additions.gravity else None
+    robot = load_robot(text, locked_joints=parsing.locks(additions.lock), gravity=upright)
+    return with_gains(robot, additions.drive_gains)
 
 
 def with_gains(robot: Robot, gains: str) -> Robot:
@@ -97,33 +97,37 @@ def loaded(
     names = unique_names(everything)
     windows = parsing.windows_of(reading.windows, names, _neighbours(everything))
     columns, units = parsing.pairs(reading.columns, "--columns"), parsing.pairs(reading.units, "--units")
-    told = read_metadata(reading.metadata, names)
+    metadata_by_name = read_metadata(reading.metadata, names)
     answers = Answers(columns, units, reading.accept, reading.cure)
     with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
-        found = []
+        measurements = []
         for index, (path, name) in enumerate(zip(everything, names, strict=True)):
-            said = told.get(name)
-            if said is None:
-                said = _proposed(path, robot, answers, reading.rate) if reading.as_proposed else RecordingMetadata()
+            base_metadata = metadata_by_name.get(name)
+            if base_metadata is None:
+                base_metadata = (
+                    _proposed(path, robot, answers, reading.rate) if reading.as_proposed else RecordingMetadata()
+                )
             metadata = replace(
-                said,
+                base_metadata,
                 name=name,
-                columns={**said.columns, **columns},
-                units={**said.units, **units},
+                columns={**base_metadata.columns, **columns},
+                units={**base_metadata.units, **units},
                 role="friction" if path in friction else None,
-                windows=windows.get(name, said.windows),
-                rate=said.rate if reading.rate is None else reading.rate,
+                windows=windows.get(name, base_metadata.windows),
+                rate=base_metadata.rate if reading.rate is None else reading.rate,
                 accept=tuple(reading.accept),
-                skip=(*said.skip, *(cast("ConditioningStep", name) for name in reading.skip)),
+                skip=(*base_metadata.skip, *(cast("ConditioningStep", name) for name in reading.skip)),
             )
             share = part(progress, index / len(everything), (index + 1) / len(everything))
             try:
-                found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=reading.cure))
+                measurements.append(
+                    _load(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=reading.cure)
+                )
             except RecordingError as error:
-                if error.title == "Missing column" and name not in told and not reading.as_proposed:
+                if error.title == "Missing column" and name not in metadata_by_name and not reading.as_proposed:
                     error.detail += " Or have the columns told by names and content: --as-proposed."
                 raise
-        yield found[: len(paths)], found[len(paths) :]
+        yield measurements[: len(paths)], measurements[len(paths) :]
 
 
 def _neighbours(paths: Sequence[Path]) -> set[str]:
@@ -145,16 +149,16 @@ def _load(
 ) -> Loaded:
     check_readable(path)
     try:
-        read = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
+        imported = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
     except RecordingError as error:
-        if not cure and any(one.status == "error" and one.apply is not None for one in error.checks):
+        if not cure and any(check.status == "error" and check.apply is not None for check in error.checks):
             error.detail += " Or have it put right: --cure."
         # Which of the files: the science knows columns, rows and times alone.
         error.detail = f"{path.name}: {_reworded(error.detail, metadata.name)}"
-        error.checks = tuple(replace(one, detail=_reworded(one.detail, metadata.name)) for one in error.checks)
+        error.checks = tuple(replace(check, detail=_reworded(check.detail, metadata.name)) for check in error.checks)
         raise
-    told = tuple(replace(one, detail=_reworded(one.detail, read.metadata.name)) for one in read.checks)
-    return Loaded(read.recording, told, path, read.metadata)
+    checks = tuple(replace(check, detail=_reworded(check.detail, imported.metadata.name)) for check in imported.checks)
+    return Loaded(imported.recording, checks, path, imported.metadata)
 
 
 def _reworded(detail: str, name: str) -> str:
@@ -202,21 +206,24 @@ def read(
     """Check measurement files as `loaded` does, behind a progress bar of which that takes a share."""
     with (
         progress_bar(title) as progress,
-        loaded(paths, robot, reading, part(progress, 0.0, share), others, friction) as (given, beside),
+        loaded(paths, robot, reading, part(progress, 0.0, share), others, friction) as (
+            measurements,
+            other_measurements,
+        ),
     ):
-        yield Read(given, beside, part(progress, share, 1.0))
+        yield Read(measurements, other_measurements, part(progress, share, 1.0))
 
 
-def effects_of(given: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:
+def effects_of(texts: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:
     """The effects that were asked for, checked against the robot."""
-    choices = named_effects(given)
+    choices = named_effects(texts)
     check_choices(choices, robot)
     return choices
 
 
-def named_effects(given: Sequence[str]) -> tuple[EffectChoice, ...]:
+def named_effects(texts: Sequence[str]) -> tuple[EffectChoice, ...]:
     """The effects that were named, as they were written."""
-    return written_effects(given, "--effects")
+    return written_effects(texts, "--effects")
 
 
 def model_of(path: Path) -> Identification:

@@ -27,18 +27,18 @@ def days_of(
     robot = identification.model.robot
     days: tuple[Day, ...] = ()
     content = keep.read_bytes() if keep is not None and keep.exists() else None
-    with loaded(paths, robot, reading, part(progress, 0.0, 0.6)) as (given, _):
-        recordings = [item.recording for item in given]
+    with loaded(paths, robot, reading, part(progress, 0.0, 0.6)) as (measurements, _):
+        recordings = [item.recording for item in measurements]
         if content is None:
             warm = all(recording.has_temperature for recording in recordings)
             measure = what_may_change(identification, with_temperature=warm)
         else:
             measure, days = resumed(identification, content)
-        found = list(days)
+        all_days = list(days)
         sources = [digest_of(path) for path in paths]
         for number, (recording, source) in enumerate(zip(recordings, sources, strict=True)):
-            if any(day.source == source for day in found):
+            if any(day.source == source for day in all_days):
                 continue
-            told = part(progress, 0.6 + 0.4 * number / len(paths), 0.6 + 0.4 * (number + 1) / len(paths))
-            found.append(measured(measure, free_name(recording.name, found), [recording], told, source))
-    return measure, tuple(found)
+            day_progress = part(progress, 0.6 + 0.4 * number / len(paths), 0.6 + 0.4 * (number + 1) / len(paths))
+            all_days.append(measured(measure, free_name(recording.name, all_days), [recording], day_progress, source))
+    return measure, tuple(all_days)

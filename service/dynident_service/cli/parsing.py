@@ -11,19 +11,19 @@ from dynident.errors import DynidentError
 Window = tuple[float, float]
 
 
-def pairs(given: Sequence[str], option: str) -> dict[str, str]:
+def pairs(texts: Sequence[str], option: str) -> dict[str, str]:
     """Pairs of `name=value`, several in one with commas between, or one JSON object."""
-    found: dict[str, str] = {}
-    for text in given:
+    parsed: dict[str, str] = {}
+    for text in texts:
         if text.lstrip().startswith("{"):
-            found |= _json_pairs(text, option)
+            parsed |= _json_pairs(text, option)
             continue
         for item in _items(text):
             name, sign, value = item.partition("=")
             if not sign or not name.strip() or not value.strip():
                 raise _misread(option, item, "name=value")
-            found[name.strip()] = value.strip()
-    return found
+            parsed[name.strip()] = value.strip()
+    return parsed
 
 
 def numbers(text: str, option: str) -> list[float]:
@@ -50,22 +50,22 @@ def drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]:
                 pointer="--drive-gains",
             )
         return dict(zip(joint_names, values, strict=True))
-    found = {name: number(value, "--drive-gains") for name, value in pairs([text], "--drive-gains").items()}
-    for name in found:
+    gains = {name: number(value, "--drive-gains") for name, value in pairs([text], "--drive-gains").items()}
+    for name in gains:
         if name not in joint_names:
             raise DynidentError(
                 f"there is no joint {name!r}; the robot has: {', '.join(joint_names)}", pointer="--drive-gains"
             )
-    return found
+    return gains
 
 
 def locks(text: str) -> dict[str, float]:
     """Positions to lock joints at: `joint=position`, or `joint` alone for 0."""
-    found: dict[str, float] = {}
+    positions: dict[str, float] = {}
     for item in _items(text):
         joint, sign, position = item.partition("=")
-        found[joint.strip()] = number(position, "--lock") if sign else 0.0
-    return found
+        positions[joint.strip()] = number(position, "--lock") if sign else 0.0
+    return positions
 
 
 def vector(text: str, option: str) -> tuple[float, float, float]:
@@ -77,28 +77,28 @@ def vector(text: str, option: str) -> tuple[float, float, float]:
 
 
 def windows_of(
-    given: Sequence[str], names: Sequence[str], neighbours: Collection[str] = ()
+    texts: Sequence[str], names: Sequence[str], neighbours: Collection[str] = ()
 ) -> dict[str, tuple[Window, ...]]:
     """Windows by measurement: `from:to` for all of them, `name=from:to` for one; several with commas between.
 
     What follows a named window without a name of its own belongs to the same measurement. Windows of
     `neighbours`, measurements of other calls, are left out, so that the commands of one study can share their options.
     """
-    found: dict[str, tuple[Window, ...]] = {}
-    for text in given:
-        wanted = list(names)
+    windows_by_name: dict[str, tuple[Window, ...]] = {}
+    for text in texts:
+        targets = list(names)
         for item in _items(text):
             name, sign, rest = item.rpartition("=")
             if sign and name not in names and name not in neighbours:
                 raise DynidentError(
                     f"there is no measurement {name!r}; there are: {', '.join(names)}", pointer="--windows"
                 )
-            wanted = [name] if sign else wanted
-            for one in wanted:
-                found[one] = (*found.get(one, ()), _window(rest))
-    for name, windows in found.items():
+            targets = [name] if sign else targets
+            for target in targets:
+                windows_by_name[target] = (*windows_by_name.get(target, ()), _window(rest))
+    for name, windows in windows_by_name.items():
         _check_apart(name, windows)
-    return {name: windows for name, windows in found.items() if name in names}
+    return {name: windows for name, windows in windows_by_name.items() if name in names}
 
 
 def _check_apart(name: str, windows: Sequence[Window]) -> None:
@@ -137,13 +137,13 @@ def _window(text: str) -> Window:
 
 def _json_pairs(text: str, option: str) -> dict[str, str]:
     try:
-        found = json.loads(text)
+        document = json.loads(text)
     except json.JSONDecodeError as error:
         raise DynidentError(f"this is no JSON object: {error}", pointer=option) from error
-    if not isinstance(found, dict):
+    if not isinstance(document, dict):
         raise _misread(option, text, "a JSON object")
-    return {str(key): str(value) for key, value in found.items()}
+    return {str(key): str(value) for key, value in document.items()}
 
 
-def _misread(option: str, text: str, wanted: str) -> DynidentError:
-    return DynidentError(f"cannot read {text!r}; write {wanted}", pointer=option, title="Unusable option")
+def _misread(option: str, text: str, expected: str) -> DynidentError:
+    return DynidentError(f"cannot read {text!r}; write {expected}", pointer=option, title="Unusable option")

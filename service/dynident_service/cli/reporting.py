@@ -18,10 +18,10 @@ def reported_runs(
     """Every measurement with the model's prediction beside it."""
     everything = [(item, False) for item in training] + [(item, True) for item in held_out]
     runs = []
-    for index, (item, tried) in enumerate(everything):
+    for index, (item, is_held_out) in enumerate(everything):
         share = part(progress, index / len(everything), (index + 1) / len(everything))
         compared = compare(identification, item.recording, share)
         runs.append(
-            ReportedRun(item.recording, compared, tried, item.checks, sha256=digest_of(item.path), said=item.said)
+            ReportedRun(item.recording, compared, is_held_out, item.checks, sha256=digest_of(item.path), said=item.said)
         )
     return runs

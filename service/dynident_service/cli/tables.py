@@ -28,8 +28,8 @@ _PHASES = np.array([phase.name.lower() for phase in Phase])
 def check_ending(path: Path, endings: tuple[str, ...] = ENDINGS) -> None:
     """Raise before the work begins where its result could not be written."""
     if path.suffix not in endings:
-        known = f"{', '.join(endings[:-1])} or {endings[-1]}"
-        raise DynidentError(f"cannot write {path.name}; the file's ending has to be {known}", pointer="--out")
+        allowed = f"{', '.join(endings[:-1])} or {endings[-1]}"
+        raise DynidentError(f"cannot write {path.name}; the file's ending has to be {allowed}", pointer="--out")
     if not path.parent.is_dir():
         raise DynidentError(f"there is no folder {path.parent}", pointer="--out", title="No such folder")
 
@@ -54,23 +54,23 @@ def write_trajectory(design: Design, path: Path) -> None:
         write_table(design_table(design), path)
 
 
-def comparison_table(found: Comparison) -> pa.Table:
+def comparison_table(comparison: Comparison) -> pa.Table:
     """Columns t, segment, and for every joint measured_, predicted_, lower_, upper_, residual_, band_, q_, dq_, phase_.
 
     The phase is moving, reversing, standing, or passive_halt where a joint that follows turns round or stands; where a
     joint stands, lower and upper are what static friction may hold.
     """
-    columns: dict[str, Any] = {"t": found.t, "segment": found.segment.astype(np.int64)}
+    columns: dict[str, Any] = {"t": comparison.t, "segment": comparison.segment.astype(np.int64)}
     for signal in _SIGNALS:
-        values = getattr(found, signal)
-        for index, joint in enumerate(found.joint_names):
+        values = getattr(comparison, signal)
+        for index, joint in enumerate(comparison.joint_names):
             columns[f"{signal}_{joint}"] = np.ascontiguousarray(values[:, index])
-    for index, joint in enumerate(found.joint_names):
-        columns[f"phase_{joint}"] = _PHASES[found.phase[:, index]]
+    for index, joint in enumerate(comparison.joint_names):
+        columns[f"phase_{joint}"] = _PHASES[comparison.phase[:, index]]
     return named_columns(columns)
 
 
-def courses_table(found: Series) -> pa.Table:
+def courses_table(series: Series) -> pa.Table:
     """A row a parameter and day: parameter, effect, joint, unit, day, value and the ends of its 95 % interval."""
     rows = [
         {
@@ -83,7 +83,7 @@ def courses_table(found: Series) -> pa.Table:
             "lower": float(course.intervals[k, 0]),
             "upper": float(course.intervals[k, 1]),
         }
-        for course in found.courses
-        for k, day in enumerate(found.days)
+        for course in series.courses
+        for k, day in enumerate(series.days)
     ]
     return pa.Table.from_pylist(rows)
