@@ -27,7 +27,7 @@ _ABSENT = object()
 _AS_CALLED = common.At()
 
 
-def shown(view: type[ViewT], found: object, **more: object) -> ViewT:
+def shown(view: type[ViewT], result: object, **more: object) -> ViewT:
     """What the science found as the contract shows it.
 
     Parameters
@@ -39,26 +39,36 @@ def shown(view: type[ViewT], found: object, **more: object) -> ViewT:
         Fields that the result knows nothing of.
     """
     values: dict[str, object] = {}
-    for name, one in view.model_fields.items():
-        owner, attribute = _place(found, _at(one).path or name)
-        nothing = None if owner is None and found is not None else _ABSENT
+    for name, field in view.model_fields.items():
+        owner, attribute = _place(result, _at(field).path or name)
+        nothing = None if owner is None and result is not None else _ABSENT
         value = more[name] if name in more else getattr(owner, attribute, nothing)
         if value is _ABSENT:
             continue
-        if isinstance(value, Errors) and ErrorsView in _parts(one.annotation):
+        if isinstance(value, Errors) and ErrorsView in _parts(field.annotation):
             value = show_errors(value, getattr(owner, f"{attribute}_moving", None))
-        values[one.alias or name] = _shown(one.annotation, value)
+        values[field.alias or name] = _shown(field.annotation, value)
     return view.model_validate(values)
 
 
-def known(science: type[T], told: BaseModel, **more: object) -> T:
+def known(science: type[T], view: BaseModel, **more: object) -> T:
     """A result of the science from what was shown of it; `more` are fields that were not shown as they are."""
     values: dict[str, dict[str, tuple[FieldInfo, object]]] = {}
-    for name, one in type(told).model_fields.items():
-        field, _, inner = (_at(one).path or name).partition(".")
-        values.setdefault(field, {})[inner] = (one, getattr(told, name))
-    stated = [one for one in fields(science) if one.name in values and one.name not in more]  # type: ignore[arg-type]
-    return science(**{one.name: _known(hint_of(science, one), values[one.name]) for one in stated}, **more)
+    for name, info in type(view).model_fields.items():
+        field, _, inner = (_at(info).path or name).partition(".")
+        values.setdefault(field, {})[inner] = (info, getattr(view, name))
+    science_fields = [
+        science_field
+        for science_field in fields(science)  # type: ignore[arg-type]
+        if science_field.name in values and science_field.name not in more
+    ]
+    return science(
+        **{
+            science_field.name: _known(hint_of(science, science_field), values[science_field.name])
+            for science_field in science_fields
+        },
+        **more,
+    )
 
 
 def show_errors(errors: Errors, moving: Errors | None = None, sigma: FloatArray | None = None) -> ErrorsView:
@@ -72,11 +82,11 @@ def show_errors(errors: Errors, moving: Errors | None = None, sigma: FloatArray 
 
 def show_figures(errors: Errors) -> ErrorFigures:
     """Show errors on some rows; a joint without any has none."""
-    there = errors.counts > 0
+    has_rows = errors.counts > 0
     return ErrorFigures(
-        rms=numbers(np.where(there, errors.rms, np.nan)),
-        relative=numbers(np.where(there, errors.relative, np.nan)),
-        relative_total=finite(errors.relative_total) if there.any() else None,
+        rms=numbers(np.where(has_rows, errors.rms, np.nan)),
+        relative=numbers(np.where(has_rows, errors.relative, np.nan)),
+        relative_total=finite(errors.relative_total) if has_rows.any() else None,
     )
 
 
@@ -88,19 +98,19 @@ def finite(value: float) -> float | None:
 def numbers(values: FloatArray) -> list[float | None]:
     """Give an array (n,) as JSON numbers."""
     # Long signals are numbers throughout.
-    found: list[float | None] = values.tolist()
-    return found if np.isfinite(values).all() else [finite(value) for value in values.tolist()]
+    listed: list[float | None] = values.tolist()
+    return listed if np.isfinite(values).all() else [finite(value) for value in values.tolist()]
 
 
-def _at(one: FieldInfo) -> common.At:
-    return next((about for about in one.metadata if isinstance(about, common.At)), _AS_CALLED)
+def _at(field: FieldInfo) -> common.At:
+    return next((about for about in field.metadata if isinstance(about, common.At)), _AS_CALLED)
 
 
-def _place(found: object, path: str) -> tuple[object, str]:
+def _place(result: object, path: str) -> tuple[object, str]:
     owner, _, attribute = path.rpartition(".")
     for step in owner.split(".") if owner else ():
-        found = getattr(found, step, None)
-    return found, attribute
+        result = getattr(result, step, None)
+    return result, attribute
 
 
 def _parts(hint: Any) -> tuple[Any, ...]:
@@ -125,20 +135,24 @@ def _shown(hint: Any, value: object) -> object:
     hint = next(part for part in parts if part is not NoneType)
     inner = get_args(hint)
     if isinstance(value, (tuple, list)) and get_origin(hint) is tuple:
-        return tuple(_shown(part, one) for part, one in zip(inner, value, strict=True))
+        return tuple(_shown(part, element) for part, element in zip(inner, value, strict=True))
     if isinstance(value, (tuple, list)) and get_origin(hint) is not dict:
-        return [_shown(inner[0], one) for one in value]
+        return [_shown(inner[0], element) for element in value]
     if isinstance(value, (Mapping, tuple)):
-        return {name: _shown(inner[1], one) for name, one in dict(value).items()}
+        return {name: _shown(inner[1], element) for name, element in dict(value).items()}
     return shown(hint, value)
 
 
-def _known(hint: Any, told: Mapping[str, tuple[FieldInfo, object]]) -> object:
+def _known(hint: Any, shown_fields: Mapping[str, tuple[FieldInfo, object]]) -> object:
     """The value of a field of the science, of one field that was shown or of several that hold its own."""
-    if "" in told:
-        one, value = told[""]
-        return _back(hint, value, _at(one).null)
-    flat = {name: _back(hint_of(hint, one), told[one.name][1]) for one in fields(hint) if (name := one.name) in told}
+    if "" in shown_fields:
+        field, value = shown_fields[""]
+        return _back(hint, value, _at(field).null)
+    flat = {
+        name: _back(hint_of(hint, science_field), shown_fields[science_field.name][1])
+        for science_field in fields(hint)
+        if (name := science_field.name) in shown_fields
+    }
     return hint(**flat)
 
 
@@ -158,5 +172,5 @@ def _back(hint: Any, value: object, null: float | tuple[float, float] = math.nan
     if get_origin(hint) is not tuple:
         return np.array(value, dtype=np.float64)
     if isinstance(null, tuple):
-        return tuple(end if one is None else one for one, end in zip(value, null, strict=True))
-    return tuple(_back(get_args(hint)[0], one) for one in value)
+        return tuple(end if element is None else element for element, end in zip(value, null, strict=True))
+    return tuple(_back(get_args(hint)[0], element) for element in value)

@@ -14,10 +14,11 @@ def catalogue() -> wire.Catalogue:
 
 def _effect(effect: Effect) -> wire.EffectView:
     parameters = [
-        shown(wire.EffectParameter, one, prismatic_unit=one.unit_on("prismatic")) for one in effect.parameters
+        shown(wire.EffectParameter, parameter, prismatic_unit=parameter.unit_on("prismatic"))
+        for parameter in effect.parameters
     ]
     shapes = [
-        shown(wire.ShapeParameter, one, words=[wire.ShapeWord(value=value, word=word) for value, word in one.words])
-        for one in effect.shapes
+        shown(wire.ShapeParameter, shape, words=[wire.ShapeWord(value=value, word=word) for value, word in shape.words])
+        for shape in effect.shapes
     ]
     return shown(wire.EffectView, effect, parameters=parameters, shape_parameters=shapes)

@@ -13,31 +13,36 @@ from dynident_service.models import comparisons as wire
 from dynident_service.models.measurements import PhasesView
 
 
-def describe_comparison(found: Comparison, judged: Judgement, held_out: bool | None) -> wire.ComparisonResult:
+def describe_comparison(comparison: Comparison, judgement: Judgement, held_out: bool | None) -> wire.ComparisonResult:
     """Describe a comparison for the wire; `held_out` None where nobody knows."""
     phases = PhasesView(
-        standing=_share(found.phase, Phase.STANDING), reversing=_share(found.phase, Phase.REVERSING, Phase.PASSIVE_HALT)
+        standing=_share(comparison.phase, Phase.STANDING),
+        reversing=_share(comparison.phase, Phase.REVERSING, Phase.PASSIVE_HALT),
     )
     return shown(
         wire.ComparisonResult,
-        found,
-        n_samples=len(found.t),
-        start_time=float(found.t[0]),
-        end_time=float(found.t[-1]),
+        comparison,
+        n_samples=len(comparison.t),
+        start_time=float(comparison.t[0]),
+        end_time=float(comparison.t[-1]),
         phases=phases,
         held_out=held_out,
-        **dict(show_figures(found.errors)),
-        **dict(shown(wire.Judgement, judged, repetition=judged.noise if judged.noise.period > 0 else None)),
+        **dict(show_figures(comparison.errors)),
+        **dict(shown(wire.Judgement, judgement, repetition=judgement.noise if judgement.noise.period > 0 else None)),
     )
 
 
-def thinned(every: JointSignals, points: int) -> JointSignals:
+def thinned(joint_signals: JointSignals, points: int) -> JointSignals:
     """About so many samples whose lines look like those of all samples: the extremes of every signal among them.
 
     Where a stretch in which the joint is standing begins and ends is among them, too, as long as there are few.
     """
-    signals = (every.measured, every.lower, every.upper, every.residual)
-    return every.rows(_chosen(points, every.standing, *signals)) if len(every.t) > points else every
+    signals = (joint_signals.measured, joint_signals.lower, joint_signals.upper, joint_signals.residual)
+    return (
+        joint_signals.rows(_chosen(points, joint_signals.standing, *signals))
+        if len(joint_signals.t) > points
+        else joint_signals
+    )
 
 
 def _chosen(points: int, standing: BoolArray, *signals: FloatArray) -> IndexArray:
@@ -47,7 +52,7 @@ def _chosen(points: int, standing: BoolArray, *signals: FloatArray) -> IndexArra
     # Of [service] alone; `dynident compare` thins nothing.
     from tsdownsample import MinMaxLTTBDownsampler
 
-    picked = [MinMaxLTTBDownsampler().downsample(np.ascontiguousarray(one), n_out=share) for one in signals]
+    picked = [MinMaxLTTBDownsampler().downsample(np.ascontiguousarray(signal), n_out=share) for signal in signals]
     return np.unique(np.concatenate([edges, *picked])).astype(np.intp)
 
 

@@ -21,7 +21,7 @@ T = TypeVar("T")
 BodyT = TypeVar("BodyT", bound=BaseModel)
 
 
-def taken(asked: BaseModel, science: type[T], **more: object) -> T:
+def taken(request_body: BaseModel, science: type[T], **more: object) -> T:
     """What a body asks for; `more` are fields that are no part of it.
 
     Raises
@@ -29,10 +29,18 @@ def taken(asked: BaseModel, science: type[T], **more: object) -> T:
     DynidentError
         Where the request refuses what it is given.
     """
-    stated = [one for one in fields(science) if one.name not in more and hasattr(asked, one.name)]  # type: ignore[arg-type]
+    request_fields = [
+        request_field
+        for request_field in fields(science)  # type: ignore[arg-type]
+        if request_field.name not in more and hasattr(request_body, request_field.name)
+    ]
     # What may be null on the wire and not in the science stands for the default.
-    names = [one.name for one in stated if getattr(asked, one.name) is not None or "None" in str(one.type)]
-    return science(**{name: _taken(getattr(asked, name)) for name in names}, **more)
+    names = [
+        request_field.name
+        for request_field in request_fields
+        if getattr(request_body, request_field.name) is not None or "None" in str(request_field.type)
+    ]
+    return science(**{name: _taken(getattr(request_body, name)) for name in names}, **more)
 
 
 def body(kind: type[BodyT], value: DataclassInstance, **own: object) -> BodyT:
@@ -47,14 +55,18 @@ def written(value: object) -> object:
     if is_dataclass(value) and not isinstance(value, type):
         return _fields(value)
     if isinstance(value, Mapping):
-        return {name: written(one) for name, one in value.items()}
-    return [written(one) for one in value] if isinstance(value, (tuple, list)) else value
+        return {name: written(element) for name, element in value.items()}
+    return [written(element) for element in value] if isinstance(value, (tuple, list)) else value
 
 
 def _fields(value: DataclassInstance) -> dict[str, object]:
-    named = {"name": value.name} if isinstance(value, Kind) else {}
-    known = BODIES[type(value)].model_fields
-    return named | {one.name: written(getattr(value, one.name)) for one in fields(value) if one.name in known}
+    name_entry = {"name": value.name} if isinstance(value, Kind) else {}
+    wire_fields = BODIES[type(value)].model_fields
+    return name_entry | {
+        science_field.name: written(getattr(value, science_field.name))
+        for science_field in fields(value)
+        if science_field.name in wire_fields
+    }
 
 
 def _taken(value: Any) -> Any:
@@ -63,5 +75,5 @@ def _taken(value: Any) -> Any:
     if isinstance(value, BaseModel):
         return taken(value, SCIENCE[type(value)])
     if isinstance(value, dict):
-        return {name: _taken(one) for name, one in value.items()}
-    return tuple(_taken(one) for one in value) if isinstance(value, list) else value
+        return {name: _taken(element) for name, element in value.items()}
+    return tuple(_taken(element) for element in value) if isinstance(value, list) else value

@@ -33,9 +33,9 @@ _DIGITS = 5
 """Of lengths in m that a picture shows."""
 
 
-def request_of(asked: wire.DesignRequest, robot: Robot) -> DesignRequest:
+def request_of(wire_request: wire.DesignRequest, robot: Robot) -> DesignRequest:
     """Take a design off the wire; `DynidentError` where it asks for what cannot be designed for this robot."""
-    return _checked(design_request(asked), robot)
+    return _checked(design_request(wire_request), robot)
 
 
 def random_design(trajectory: wire.Trajectory, robot: Robot, seed: int = 0) -> DesignRequest:
@@ -50,9 +50,9 @@ def _checked(request: DesignRequest, robot: Robot) -> DesignRequest:
     return request
 
 
-def design_request(asked: wire.DesignRequest) -> DesignRequest:
+def design_request(wire_request: wire.DesignRequest) -> DesignRequest:
     """Take a design off the wire as it is."""
-    return taken(asked, DesignRequest)
+    return taken(wire_request, DesignRequest)
 
 
 def _check_rivals(choice: CriterionChoice, robot: Robot) -> None:
@@ -67,20 +67,20 @@ def show_request(request: DesignRequest, robot_id: str) -> wire.DesignRequest:
     return body(wire.DesignRequest, request, robot_id=robot_id)
 
 
-def describe_design(found: Design) -> wire.DesignResult:
+def describe_design(design: Design) -> wire.DesignResult:
     """Describe a design for the wire."""
-    best = found.baseline
+    best = design.baseline
     values = (
         None
         if best is None
         else shown(wire.BaselineValues, best, **shown(wire.CriterionValues, best.best).model_dump())
     )
-    return shown(wire.DesignResult, found, baseline_values=values)
+    return shown(wire.DesignResult, design, baseline_values=values)
 
 
-def write_trajectory(found: Design, path: Path) -> Path:
+def write_trajectory(design: Design, path: Path) -> Path:
     """Write the trajectory of a design as it is stored."""
-    pq.write_table(design_table(found), path)
+    pq.write_table(design_table(design), path)
     return path
 
 
@@ -114,16 +114,16 @@ def stored_reference(path: Path, joints: list[str]) -> Reference:
 
 
 def clearances_of(
-    asked: wire.DesignRequest, robot: Robot, trajectory: Path, mesh_folders: Sequence[Path], points: int
+    wire_request: wire.DesignRequest, robot: Robot, trajectory: Path, mesh_folders: Sequence[Path], points: int
 ) -> wire.DesignClearances:
     """What the links are nearest to along a stored trajectory, at about so many of its samples."""
     motion = stored_reference(trajectory, list(robot.joint_names))
-    chosen = np.unique(np.linspace(0, len(motion.t) - 1, min(points, len(motion.t))).astype(np.intp))
-    found = nearest_along(robot, design_request(asked), motion.q[chosen], mesh_folders)
-    around = design_request(asked).surroundings
+    rows = np.unique(np.linspace(0, len(motion.t) - 1, min(points, len(motion.t))).astype(np.intp))
+    nearest = nearest_along(robot, design_request(wire_request), motion.q[rows], mesh_folders)
+    around = design_request(wire_request).surroundings
     return wire.DesignClearances(
-        t=motion.t[chosen].tolist(),
-        links=[_link_clearances(one) for one in found],
+        t=motion.t[rows].tolist(),
+        links=[_link_clearances(link) for link in nearest],
         edges=[edge for box in around.boxes for edge in _edges(block_of(box))],
         walls=[_plane(wall) for wall in around.walls],
     )
@@ -132,8 +132,8 @@ def clearances_of(
 def _edges(block: Block) -> Iterator[Any]:
     middle, half = block.placement[:3, 3], block.placement[:3, :3] * block.size / 2.0
     for k, (a, b) in product(range(3), product((-1.0, 1.0), repeat=2)):
-        beside = middle + a * half[:, k - 2] + b * half[:, k - 1]
-        yield tuple(np.round([beside - half[:, k], beside + half[:, k]], _DIGITS).tolist())
+        midpoint = middle + a * half[:, k - 2] + b * half[:, k - 1]
+        yield tuple(np.round([midpoint - half[:, k], midpoint + half[:, k]], _DIGITS).tolist())
 
 
 def _plane(wall: Wall) -> wire.WallPlane:
@@ -141,30 +141,34 @@ def _plane(wall: Wall) -> wire.WallPlane:
     return wire.WallPlane(point=wall.point, along=along)
 
 
-def _link_clearances(found: Nearest) -> wire.LinkClearances:
+def _link_clearances(nearest: Nearest) -> wire.LinkClearances:
     return wire.LinkClearances(
-        name=found.body.name,
-        frame=found.body.joint,
-        others=[wire.Other(name=one.name, frame=None if one.joint < 0 else one.joint) for one in found.others],
-        **{name: np.round(getattr(found, name), _DIGITS).tolist() for name in ("distance", "wanted", "here", "there")},
-        to=found.to.tolist(),
+        name=nearest.body.name,
+        frame=nearest.body.joint,
+        others=[
+            wire.Other(name=other.name, frame=None if other.joint < 0 else other.joint) for other in nearest.others
+        ],
+        **{
+            name: np.round(getattr(nearest, name), _DIGITS).tolist() for name in ("distance", "wanted", "here", "there")
+        },
+        to=nearest.to.tolist(),
     )
 
 
-def reference_of_design(found: Design) -> Reference:
+def reference_of_design(design: Design) -> Reference:
     """Give the motion of a design."""
-    return Reference(found.t, found.q, found.dq, found.ddq)
+    return Reference(design.t, design.q, design.dq, design.ddq)
 
 
 def design_of(request: Mapping[str, object], result: Mapping[str, object], trajectory: Path) -> Design:
     """Take a stored design: its request, its result, and the file of its trajectory."""
-    asked, told = wire.DesignRequest.model_validate(request), wire.DesignResult.model_validate(result)
-    motion = stored_reference(trajectory, told.joints)
-    baseline = told.baseline_values
+    wire_request, wire_result = wire.DesignRequest.model_validate(request), wire.DesignResult.model_validate(result)
+    motion = stored_reference(trajectory, wire_result.joints)
+    baseline = wire_result.baseline_values
     return known(
         Design,
-        told,
-        request=design_request(asked),
+        wire_result,
+        request=design_request(wire_request),
         t=motion.t,
         q=motion.q,
         dq=motion.dq,

@@ -19,21 +19,21 @@ from dynident_service.problems import ProblemError, unusable
 
 
 def describe_diagnosis(
-    found: AdvisedDiagnosis, robot_id: str, measurement_ids: Sequence[str] = ()
+    diagnosis: AdvisedDiagnosis, robot_id: str, measurement_ids: Sequence[str] = ()
 ) -> wire.DiagnosisResult:
     """Describe a diagnosis of measurements for the wire; without their ids where they are no resources."""
-    advice = found.next_experiment
+    advice = diagnosis.next_experiment
     return shown(
         wire.DiagnosisResult,
-        found,
+        diagnosis,
         next_experiment=None if advice is None else show_next(advice, robot_id, measurement_ids),
-        changes=None if found.changes is None else [show_change(one) for one in found.changes],
+        changes=None if diagnosis.changes is None else [show_change(change) for change in diagnosis.changes],
     )
 
 
-def show_change(one: Change) -> wire.Change:
+def show_change(change: Change) -> wire.Change:
     """Show what differs from the baseline, the number that says how large it is first."""
-    return shown(wire.Change, one, **shown(wire.ChangedValue, one.main).model_dump())
+    return shown(wire.Change, change, **shown(wire.ChangedValue, change.main).model_dump())
 
 
 def show_next(advice: NextExperiment, robot_id: str, measurement_ids: Sequence[str] = ()) -> wire.NextExperiment:
@@ -47,25 +47,27 @@ def show_next(advice: NextExperiment, robot_id: str, measurement_ids: Sequence[s
 
 def diagnosis_of(stored: Mapping[str, object]) -> AdvisedDiagnosis:
     """Make the diagnosis of a stored result."""
-    told = wire.DiagnosisResult.model_validate(stored)
+    wire_result = wire.DiagnosisResult.model_validate(stored)
     return known(
         AdvisedDiagnosis,
-        told,
-        next_experiment=None if told.next_experiment is None else advice_of(told.next_experiment),
+        wire_result,
+        next_experiment=None if wire_result.next_experiment is None else advice_of(wire_result.next_experiment),
         changes=None
-        if told.changes is None
-        else tuple(known(Change, one, main=known(ChangedValue, one)) for one in told.changes),
+        if wire_result.changes is None
+        else tuple(known(Change, change, main=known(ChangedValue, change)) for change in wire_result.changes),
     )
 
 
-def advice_of(told: wire.NextExperiment) -> NextExperiment:
+def advice_of(wire_experiment: wire.NextExperiment) -> NextExperiment:
     """Make the proposed experiment of a stored result."""
-    return known(NextExperiment, told, design=design_request(DesignRequest.model_validate(told.design)))
+    return known(
+        NextExperiment, wire_experiment, design=design_request(DesignRequest.model_validate(wire_experiment.design))
+    )
 
 
-def write_evidence(found: Sequence[Evidence], robot: Robot) -> bytes:
+def write_evidence(figures: Sequence[Evidence], robot: Robot) -> bytes:
     """Write all figures of a diagnosis."""
-    return json.dumps([plain(_figure(one, found, robot)) for one in found]).encode()
+    return json.dumps([plain(_figure(figure, figures, robot)) for figure in figures]).encode()
 
 
 def read_evidence(content: bytes, rank: int, joint: str | None) -> wire.Evidence:
@@ -76,32 +78,37 @@ def read_evidence(content: bytes, rank: int, joint: str | None) -> wire.Evidence
     ProblemError
         404 where there is none of that rank, 422 where there is none for that joint.
     """
-    found = [one for one in json.loads(content) if one["rank"] == rank]
-    if not found:
+    figures = [figure for figure in json.loads(content) if figure["rank"] == rank]
+    if not figures:
         raise ProblemError(404, f"There is no figure for the effect of rank {rank}.", title="No figure")
-    joints: list[str] = found[0]["joints"]
-    wanted = joints[0] if joint is None else joint
-    if wanted not in joints:
-        raise unusable(f"there is no figure for {wanted!r}; there are some for: {', '.join(joints)}", "joint")
-    return wire.Evidence.model_validate(next(one for one in found if one["joint"] == wanted))
+    joints: list[str] = figures[0]["joints"]
+    joint_name = joints[0] if joint is None else joint
+    if joint_name not in joints:
+        raise unusable(f"there is no figure for {joint_name!r}; there are some for: {', '.join(joints)}", "joint")
+    return wire.Evidence.model_validate(next(figure for figure in figures if figure["joint"] == joint_name))
 
 
-def _figure(one: Evidence, found: Sequence[Evidence], robot: Robot) -> wire.Evidence:
-    same = sorted((other for other in found if other.rank == one.rank), key=lambda other: -other.explained)
+def _figure(figure: Evidence, figures: Sequence[Evidence], robot: Robot) -> wire.Evidence:
+    same = sorted((other for other in figures if other.rank == figure.rank), key=lambda other: -other.explained)
     return shown(
         wire.Evidence,
-        one,
+        figure,
         joints=[other.joint for other in same],
-        effort_unit=robot.joints[robot.joint_names.index(one.joint)].effort_unit,
+        effort_unit=robot.joints[robot.joint_names.index(figure.joint)].effort_unit,
     )
 
 
-def describe_series(found: Series) -> wire.SeriesResult:
+def describe_series(series: Series) -> wire.SeriesResult:
     """Describe a series of days for the wire."""
-    courses = [shown(wire.Course, one, lower=one.intervals[:, 0], upper=one.intervals[:, 1]) for one in found.courses]
-    return shown(wire.SeriesResult, found, changes=[_change(found, one) for one in found.changes], courses=courses)
+    courses = [
+        shown(wire.Course, course, lower=course.intervals[:, 0], upper=course.intervals[:, 1])
+        for course in series.courses
+    ]
+    return shown(
+        wire.SeriesResult, series, changes=[_change(series, change) for change in series.changes], courses=courses
+    )
 
 
-def _change(found: Series, one: SeriesChange) -> wire.SeriesChange:
-    days = {name: found.days[getattr(one, name)] for name in ("since", "earliest", "latest")}
-    return wire.SeriesChange(**show_change(one.change).model_dump(), **days)
+def _change(series: Series, change: SeriesChange) -> wire.SeriesChange:
+    days = {name: series.days[getattr(change, name)] for name in ("since", "earliest", "latest")}
+    return wire.SeriesChange(**show_change(change.change).model_dump(), **days)

@@ -8,15 +8,15 @@ from dynident.effects import EffectChoice
 from dynident_service.models import common
 
 
-def choice_of(asked: common.EffectChoice) -> EffectChoice:
+def choice_of(wire_choice: common.EffectChoice) -> EffectChoice:
     """Take a chosen effect off the wire."""
-    shape = tuple(sorted(asked.shape_parameters.items()))
-    return EffectChoice(asked.effect, tuple(asked.joints), shape, tuple(asked.runs))
+    shape = tuple(sorted(wire_choice.shape_parameters.items()))
+    return EffectChoice(wire_choice.effect, tuple(wire_choice.joints), shape, tuple(wire_choice.runs))
 
 
-def choices_of(asked: Iterable[common.EffectChoice]) -> tuple[EffectChoice, ...]:
+def choices_of(wire_choices: Iterable[common.EffectChoice]) -> tuple[EffectChoice, ...]:
     """Take chosen effects off the wire."""
-    return tuple(choice_of(one) for one in asked)
+    return tuple(choice_of(wire_choice) for wire_choice in wire_choices)
 
 
 def show_choice(choice: EffectChoice) -> common.EffectChoice:

@@ -45,9 +45,9 @@ def file_response(file: ExportedFile) -> Response:
 def _notes(notes: Sequence[str]) -> str:
     """JSON in ASCII, of as many notes as a header may hold."""
     for count in range(len(notes), 0, -1):
-        kept = list(notes[:count])
+        shortened = list(notes[:count])
         if count < len(notes):
-            kept.append(f"{len(notes) - count} more in the file")
-        if len(text := json.dumps(kept)) <= _LONGEST:
+            shortened.append(f"{len(notes) - count} more in the file")
+        if len(text := json.dumps(shortened)) <= _LONGEST:
             return text
     return json.dumps([f"{len(notes)} notes in the file"])

@@ -29,12 +29,14 @@ def rungs_of_views(views: Sequence[IdentificationView]) -> list[Rung]:
 
 def marked(rungs: Sequence[Rung]) -> list[Rung]:
     """The same ladder with its best rung marked, and those above it that make the validation error larger."""
-    totals = [one.validation.relative_total for one in rungs if one.validation is not None]
-    known = [total for total in totals if total is not None]
-    found = best_of(known) if len(known) == len(rungs) else None
-    if found is None:
+    totals = [rung.validation.relative_total for rung in rungs if rung.validation is not None]
+    known_totals = [total for total in totals if total is not None]
+    marks = best_of(known_totals) if len(known_totals) == len(rungs) else None
+    if marks is None:
         return list(rungs)
-    return [one.model_copy(update={"best": k == found.best, "rises": k in found.rises}) for k, one in enumerate(rungs)]
+    return [
+        rung.model_copy(update={"best": k == marks.best, "rises": k in marks.rises}) for k, rung in enumerate(rungs)
+    ]
 
 
 def _on_the_way(view: IdentificationView, below: Rung | None) -> list[Rung]:
@@ -97,7 +99,7 @@ def beside(own: Sequence[Rung], other: Sequence[Rung], same_data: bool) -> Linea
 
 def _difference(number: int, own: Rung | None, other: Rung | None) -> RungDifference:
     fit = (own.residual if own else None, other.residual if other else None)
-    tried = (own.validation if own else None, other.validation if other else None)
+    held_out = (own.validation if own else None, other.validation if other else None)
     counts = (own.n_parameters if own else None, other.n_parameters if other else None)
     return RungDifference(
         rung=number,
@@ -106,8 +108,8 @@ def _difference(number: int, own: Rung | None, other: Rung | None) -> RungDiffer
         n_parameters=_minus(*counts),
         residual=_per_joint(*fit),
         residual_total=_total(*fit),
-        validation=_per_joint(*tried),
-        validation_total=_total(*tried),
+        validation=_per_joint(*held_out),
+        validation_total=_total(*held_out),
     )
 
 
@@ -125,16 +127,18 @@ def _minus(a: T | None, b: T | None) -> T | None:
     return None if a is None or b is None else a - b
 
 
-def rungs_of(found: Identification, name: str, beside: tuple[Identification, str] | None = None) -> list[Rung]:
+def rungs_of(
+    identification: Identification, name: str, other_ladder: tuple[Identification, str] | None = None
+) -> list[Rung]:
     """Show the ladder of a model in a file, each rung under a name of its own, or that of the same model `beside`."""
-    models = list(found.ladder())
+    models = list(identification.ladder())
     ids = _ids(name, len(models))
-    if beside is not None:
-        others = list(beside[0].ladder())
+    if other_ladder is not None:
+        others = list(other_ladder[0].ladder())
         for k, (model, other) in enumerate(zip(models, others, strict=False)):
             if model.choices != other.choices or not np.array_equal(model.values, other.values):
                 break
-            ids[k] = _ids(beside[1], len(others))[k]
+            ids[k] = _ids(other_ladder[1], len(others))[k]
     rungs = [
         shown(
             Rung,

@@ -43,11 +43,11 @@ def describe_recording(recording: Recording, checks: Sequence[Check], sha256: st
     segments = [
         shown(
             wire.SegmentView,
-            one,
-            end_time=one.start_time + (one.length - 1) * recording.period,
-            n_samples=one.length,
+            segment,
+            end_time=segment.start_time + (segment.length - 1) * recording.period,
+            n_samples=segment.length,
         )
-        for one in recording.segments
+        for segment in recording.segments
     ]
     return shown(
         wire.MeasurementResult,
@@ -62,7 +62,10 @@ def describe_recording(recording: Recording, checks: Sequence[Check], sha256: st
 
 def show_checks(checks: Sequence[Check]) -> list[wire.CheckView]:
     """Show what was looked at."""
-    return [shown(wire.CheckView, one, apply=None if one.apply is None else show_revision(one.apply)) for one in checks]
+    return [
+        shown(wire.CheckView, check, apply=None if check.apply is None else show_revision(check.apply))
+        for check in checks
+    ]
 
 
 def problem_with_file(error: RecordingError) -> Problem:
@@ -71,7 +74,7 @@ def problem_with_file(error: RecordingError) -> Problem:
     # What is said of the file is a part of the form; a column of the file is named as it is.
     pointer = f"/metadata{error.pointer}" if error.pointer.startswith("/") else error.pointer
     field = ProblemField(pointer=pointer, detail=error.detail, row=error.row, time=error.time)
-    checks = [one.model_dump() for one in show_checks(error.checks)]
+    checks = [check.model_dump() for check in show_checks(error.checks)]
     return problem.model_copy(update={"errors": [field], "checks": checks or None})
 
 

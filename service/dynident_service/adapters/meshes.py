@@ -38,15 +38,15 @@ def chosen(robot: Robot, sent: Mapping[str, Path]) -> dict[str, str]:
             pointer="/files",
             title="No meshes named",
         )
-    found = matched(needed, list(sent))
-    if not found:
+    files_by_mesh = matched(needed, list(sent))
+    if not files_by_mesh:
         raise DynidentError(
             f"none of the {len(sent)} files has the name of a mesh of the description: {', '.join(list(needed)[:8])}",
             pointer="/files",
             title="Unknown mesh",
         )
-    with mesh_folders({name: sent[file] for name, file in found.items()}) as folders:
-        for name, file in found.items():
+    with mesh_folders({name: sent[file] for name, file in files_by_mesh.items()}) as folders:
+        for name, file in files_by_mesh.items():
             placed = mesh_file(name, folders)
             assert placed is not None
             try:
@@ -54,7 +54,7 @@ def chosen(robot: Robot, sent: Mapping[str, Path]) -> dict[str, str]:
             except ValueError as error:
                 detail = f"{file} cannot be read as a mesh: {error}; send STL, OBJ, DAE or PLY"
                 raise DynidentError(detail, pointer="/files", title="Unreadable mesh") from None
-    return found
+    return files_by_mesh
 
 
 def geometry_with(robot: Robot, files: Mapping[str, Path]) -> GeometryView:

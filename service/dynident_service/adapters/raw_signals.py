@@ -17,33 +17,33 @@ from dynident_service.adapters.revisions import metadata_of
 from dynident_service.models.measurements import MeasurementMetadata, RawSignals, Standstills, StandstillsOfJoint
 
 
-def as_recorded(path: Path, robot: Robot, said: MeasurementMetadata, wanted: list[str]) -> AsRecorded:
+def as_recorded(path: Path, robot: Robot, metadata: MeasurementMetadata, signal_names: list[str]) -> AsRecorded:
     """Open signals of a file; `RecordingError` for one that is not there."""
-    return AsRecorded(FileOfRobot(path, metadata_of(said), recorded_joints(robot)), wanted)
+    return AsRecorded(FileOfRobot(path, metadata_of(metadata), recorded_joints(robot)), signal_names)
 
 
-def thinned(found: AsRecorded, points: int, start: float | None, end: float | None) -> RawSignals:
+def thinned(signals: AsRecorded, points: int, start: float | None, end: float | None) -> RawSignals:
     """Show signals thinned for drawing."""
-    total, rows = found.thinned(points, start, end)
+    total, rows = signals.thinned(points, start, end)
     return RawSignals(
-        units=found.units,
+        units=signals.units,
         t=numbers(rows.t),
-        signals={name: numbers(rows.values[:, k]) for k, name in enumerate(found.names)},
+        signals={name: numbers(rows.values[:, k]) for k, name in enumerate(signals.names)},
         n_samples=total,
     )
 
 
-def streamed(found: AsRecorded, start: float | None, end: float | None) -> Iterator[bytes]:
+def streamed(signals: AsRecorded, start: float | None, end: float | None) -> Iterator[bytes]:
     """Show all of the signals in the same form, one after the other, so that none is ever in memory whole."""
-    yield f'{{"units": {json.dumps(found.units)}, "t": ['.encode()
+    yield f'{{"units": {json.dumps(signals.units)}, "t": ['.encode()
     total = 0
-    for block in found.rows((), start, end):
+    for block in signals.rows((), start, end):
         yield _part(block.t, first=not total)
         total += len(block.t)
     yield b'], "signals": {'
-    for index, name in enumerate(found.names):
+    for index, name in enumerate(signals.names):
         yield f"{', ' if index else ''}{json.dumps(name)}: [".encode()
-        for number, block in enumerate(found.rows((name,), start, end)):
+        for number, block in enumerate(signals.rows((name,), start, end)):
             yield _part(block.values[:, 0], first=not number)
         yield b"]"
     yield f'}}, "n_samples": {total}}}'.encode()
@@ -51,14 +51,14 @@ def streamed(found: AsRecorded, start: float | None, end: float | None) -> Itera
 
 def standstills(recording: Recording) -> Standstills:
     """Show when every joint of a recording stands, or sticks."""
-    found = phases_of(recording).halts
+    segments = phases_of(recording).halts
     return Standstills(
         joints=[
             StandstillsOfJoint(
                 joint=name,
                 standing=[
                     (float(start), float(end))
-                    for halts in (segment[k] for segment in found)
+                    for halts in (segment[k] for segment in segments)
                     for start, end in zip(halts.starts[halts.sticks], halts.ends[halts.sticks], strict=True)
                 ],
             )

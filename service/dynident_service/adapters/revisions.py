@@ -11,27 +11,27 @@ from dynident_service.models import measurements as wire
 from dynident_service.models.revisions import RevisionRequest
 
 
-def metadata_of(said: wire.MeasurementMetadata) -> RecordingMetadata:
+def metadata_of(metadata: wire.MeasurementMetadata) -> RecordingMetadata:
     """Take what is said of a file; `RecordingError` for a window or a delay that cannot be."""
-    return taken(said, RecordingMetadata, **said.model_dump(include={"payload"}))
+    return taken(metadata, RecordingMetadata, **metadata.model_dump(include={"payload"}))
 
 
-def revision_of(asked: RevisionRequest) -> Revision:
+def revision_of(revision_request: RevisionRequest) -> Revision:
     """Take a revision."""
-    return taken(asked, Revision)
+    return taken(revision_request, Revision)
 
 
-def show_revision(found: Revision) -> RevisionRequest:
+def show_revision(revision: Revision) -> RevisionRequest:
     """Show a revision."""
-    return RevisionRequest.model_validate({name: getattr(found, name) for name in found.changes})
+    return RevisionRequest.model_validate({name: getattr(revision, name) for name in revision.changes})
 
 
-def revised(said: wire.MeasurementMetadata, asked: RevisionRequest) -> wire.MeasurementMetadata:
+def revised(metadata: wire.MeasurementMetadata, revision_request: RevisionRequest) -> wire.MeasurementMetadata:
     """What is said of a file with a revision."""
-    after = revision_of(asked).of(metadata_of(said))
-    return body(wire.MeasurementMetadata, after, robot_id=said.robot_id)
+    after = revision_of(revision_request).of(metadata_of(metadata))
+    return body(wire.MeasurementMetadata, after, robot_id=metadata.robot_id)
 
 
-def checks_of(shown: Sequence[wire.CheckView]) -> tuple[Check, ...]:
+def checks_of(views: Sequence[wire.CheckView]) -> tuple[Check, ...]:
     """Take checks that were shown."""
-    return tuple(known(Check, one, apply=None if one.apply is None else revision_of(one.apply)) for one in shown)
+    return tuple(known(Check, view, apply=None if view.apply is None else revision_of(view.apply)) for view in views)

@@ -59,9 +59,9 @@ def base_parameters_of(robot: Robot, tolerance: float | None) -> wire.BaseParame
 
     signals = Signals(robot)
     columns = columns_of([EffectChoice("rigid_body")], signals)
-    found = base_parameters(robot, columns, signals, tolerance=tolerance or DEFAULT_TOLERANCE)
+    base_set = base_parameters(robot, columns, signals, tolerance=tolerance or DEFAULT_TOLERANCE)
     return wire.BaseParametersView(
-        count=found.count, rank=found.rank, names=list(found.kept_names), groupings=list(found.groupings)
+        count=base_set.count, rank=base_set.rank, names=list(base_set.kept_names), groupings=list(base_set.groupings)
     )
 
 

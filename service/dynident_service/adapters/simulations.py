@@ -26,9 +26,9 @@ def reference_of(samples: wire.Samples) -> Reference:
     return Reference(t, q, dq, spline(t, 2) if samples.ddq is None else _matrix(samples.ddq, "ddq"))
 
 
-def describe_simulation(found: Measurement, rate: float) -> wire.SimulationResult:
+def describe_simulation(measurement: Measurement, rate: float) -> wire.SimulationResult:
     """Describe a virtual robot's measurement for the wire."""
-    return shown(wire.SimulationResult, found, sampling_rate=rate)
+    return shown(wire.SimulationResult, measurement, sampling_rate=rate)
 
 
 def _matrix(rows: list[list[float]], name: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:

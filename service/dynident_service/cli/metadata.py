@@ -88,9 +88,10 @@ def as_proposed(
     if open_questions:
         question_list = "".join(f"\n  {question.field}: {question.detail}" for question in open_questions)
         raise DynidentError(
-            f"{path.name} cannot be taken as proposed; to be answered:{question_list}\nAnswer beside it by --columns, --units "
-            "or --gravity, by --accept CHECK where the recording is right all the same, or by --cure. Or write the "
-            f"proposal with `dynident inspect {path} --robot ROBOT --out {path.stem}.json`, answer there (and empty "
+            f"{path.name} cannot be taken as proposed; to be answered:{question_list}\n"
+            "Answer beside it by --columns, --units or --gravity, by --accept CHECK where the recording is right all "
+            "the same, or by --cure. Or write the proposal with "
+            f"`dynident inspect {path} --robot ROBOT --out {path.stem}.json`, answer there (and empty "
             "its questions), and give it as --metadata.",
             pointer=str(path),
             title="Open questions",
@@ -138,7 +139,8 @@ def _read(path: Path) -> RecordingMetadata:
     open_questions = [question for question in questions if question.get("field") != NEEDED_FOR_GAINS]
     if open_questions:
         raise DynidentError(
-            f"{path.name} holds an open question: {open_questions[0].get('detail', '')} Answer it and empty its questions.",
+            f"{path.name} holds an open question: {open_questions[0].get('detail', '')} "
+            "Answer it and empty its questions.",
             pointer=str(path),
             title="Open questions",
         )

@@ -81,8 +81,8 @@ def show_identification(console: Console, identification: Identification, *, par
         for sentence in parameter_dependence(identification).sentences:
             console.print(f"  {sentence}")
         console.print(
-            f"Condition number of W: {number(identification.condition_number)}; {identification.equations_per_parameter:.0f} equations "
-            "per parameter"
+            f"Condition number of W: {number(identification.condition_number)}; "
+            f"{identification.equations_per_parameter:.0f} equations per parameter"
         )
     if identification.shape_constants:
         print_tables(console, [shape_table(identification.shape_constants, identification.model.robot.joint_names)])

@@ -24,7 +24,7 @@ ComputedT = TypeVar("ComputedT", bound=Computed[Any, Any])
 PATHS: dict[str, str] = {
     "diagnosis": "diagnoses",
     "batch": "identifications/batch",
-    **{one: one for one in ("drive_gains", "current_models", "series")},
+    **{kind: kind for kind in ("drive_gains", "current_models", "series")},
 }
 """Below which path resources of a kind are, but for those that are below the kind's plural."""
 
@@ -96,34 +96,34 @@ def href(kind: str, identifier: str) -> str:
 
 def make(services: Services, new: NewResource, response: Response) -> Resource:
     """Store a resource, or find the one that an earlier try of the same request made; start its job."""
-    known = services.resources.known(new.retry)
-    if known is not None:
-        return again(known, response)
-    made = services.resources.create(new)
+    existing = services.resources.known(new.retry)
+    if existing is not None:
+        return again(existing, response)
+    resource = services.resources.create(new)
     if new.job is not None:
         services.engine.nudge()
-    response.headers["Location"] = href(made.kind, made.id)
-    return made
+    response.headers["Location"] = href(resource.kind, resource.id)
+    return resource
 
 
-def again(known: Resource, response: Response) -> Resource:
+def again(existing: Resource, response: Response) -> Resource:
     """Answer a retry with what the first try made."""
     response.headers["Idempotency-Replayed"] = "true"
-    response.headers["Location"] = href(known.kind, known.id)
-    return known
+    response.headers["Location"] = href(existing.kind, existing.id)
+    return existing
 
 
 def computed(view: type[ComputedT], resource: Resource, **more: object) -> ComputedT:
     """Show a resource that a job computes."""
     job = resource.job
     assert job is not None
-    told = {
+    job_fields = {
         "job_id": job.id,
         "status": job.state,
         "progress": Progress(fraction=job.fraction, message=job.message),
         "error": job.error,
     }
-    return view.model_validate({**vars(resource), **told, **more})
+    return view.model_validate({**vars(resource), **job_fields, **more})
 
 
 def page_of(
@@ -152,11 +152,11 @@ def stated(kind: type[BodyT], text: str | bytes, pointer: str = "") -> BodyT:
         Where it is no JSON, or does not say what it has to.
     """
     try:
-        said = json.loads(text)
+        document = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise unusable(f"the {pointer[1:] or 'body'} is not JSON: {error}", pointer) from error
     try:
         return kind.model_validate_json(text)
     except ValidationError as error:
-        errors: list[ErrorDetails] = [{**one, "loc": ("body", *one["loc"])} for one in error.errors()]
-        raise ProblemError.of(validation_problem(fields_of(errors, said, pointer))) from error
+        errors: list[ErrorDetails] = [{**details, "loc": ("body", *details["loc"])} for details in error.errors()]
+        raise ProblemError.of(validation_problem(fields_of(errors, document, pointer))) from error
