@@ -1,4 +1,4 @@
-"""Designs on the command line."""
+"""Helpers of `dynident design`: read limits and surroundings from files, print the result."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SURROUNDINGS = TypeAdapter(body_of(Surroundings))
 
 
 def proposed_design(path: Path) -> DesignRequest:
-    """The design of the next experiment that a stored diagnosis proposes."""
+    """Return the design request that a stored diagnosis proposes as next experiment."""
     proposed = stored_diagnosis(path).next_experiment
     if proposed is None:
         raise DynidentError(f"the diagnosis in {path.name} proposes no experiment", pointer="--diagnosis")
@@ -46,7 +46,7 @@ def limits_of(path: Path | None) -> dict[str, Limits]:
 
 
 def mesh_folders_of(robot: Robot, argument: str, folders: Sequence[Path] | None) -> tuple[Path, ...]:
-    """Choose where meshes are looked for: in the stated folders, or in those above the robot's file that hold any."""
+    """Return the folders to search for meshes: those stated, or those above the robot's file that hold any."""
     if folders:
         return tuple(folders)
     file = Path(argument)
@@ -54,9 +54,21 @@ def mesh_folders_of(robot: Robot, argument: str, folders: Sequence[Path] | None)
 
 
 def surroundings_of(path: Path | None, mesh_folders: Sequence[Path], *, floor: bool) -> Surroundings:
-    """Read what stands around the robot from a JSON file; the folders are looked for meshes.
+    """Read the robot's surroundings from a JSON file.
 
-    Without `floor` none is assumed where nothing is stated.
+    Parameters
+    ----------
+    path : Path, optional
+        The file; without it nothing around the robot is stated.
+    mesh_folders : sequence of Path
+        Folders to search for collision meshes.
+    floor : bool
+        Whether to assume a floor where nothing around the robot is stated.
+
+    Returns
+    -------
+    Surroundings
+        What the motion has to keep clear of.
     """
     surroundings = (
         Surroundings()
@@ -68,7 +80,7 @@ def surroundings_of(path: Path | None, mesh_folders: Sequence[Path], *, floor: b
 
 
 def warn_of_unchecked(console: Console, design: Design) -> None:
-    """Say in plain sight, after all else, what was not checked."""
+    """Print the warnings of a design after everything else, where they are not overlooked."""
     for warning in design.warnings:
         console.print(f"warning: {warning}", style="bold red")
 
@@ -78,12 +90,13 @@ def _validated(fields: TypeAdapter[Wanted], path: Path, title: str) -> Wanted:
     try:
         return fields.validate_python(document)
     except ValidationError as error:
+        # The service words validation errors by the place in the body; here the body is the whole file.
         first = fields_of([{**item, "loc": ("body", *item["loc"])} for item in error.errors()], document)[0]
         raise DynidentError(first.detail, pointer=f"{path}{first.pointer}", title=title) from error
 
 
 def show_design(console: Console, design: Design) -> None:
-    """What a design is worth, and how near it comes to the limits."""
+    """Print how good a design is, how near it comes to the limits, and its test motions."""
     values, baseline = design.criterion_values, design.baseline
     rows = [["this design", number(values.condition_number), number(values.smallest_singular_value)]]
     if baseline is not None:
@@ -97,6 +110,7 @@ def show_design(console: Console, design: Design) -> None:
         )
         rows.append(["median of those", number(baseline.median_condition_number), ""])
     console.print(table("", ("trajectory", "condition number", "smallest singular value"), rows))
+    # A share of 1 touches the limit; the five nearest are what somebody decides by.
     nearest = sorted(design.margins, key=lambda margin: -margin.share)[:5]
     console.print(
         table(
@@ -119,6 +133,7 @@ def show_design(console: Console, design: Design) -> None:
             )
         )
     for note in design.notes:
+        # Warnings are among the notes, and are printed by `warn_of_unchecked`.
         if note not in design.warnings:
             console.print(f"  {note}", style="dim")
     console.print(

@@ -1,4 +1,4 @@
-"""Days from files, and from the file that keeps those of before."""
+"""Days of a series, from measurement files and from the file that stores earlier days."""
 
 from __future__ import annotations
 
@@ -20,9 +20,27 @@ def days_of(
     keep: Path | None,
     progress: Progress,
 ) -> tuple[Measure, tuple[Day, ...]]:
-    """The measure and the days: those that are kept first, in their order, then the new ones.
+    """Estimate the parameters of each day.
 
-    Whether the temperatures are taken in is decided by the first files: all of them have to have them.
+    Parameters
+    ----------
+    identification : Identification
+        The model whose parameters are followed.
+    paths : sequence of Path
+        One file a day, in their order.
+    reading : Reading
+        How the files are read.
+    keep : Path, optional
+        The file that stores earlier days.
+    progress : callable
+        Reports progress.
+
+    Returns
+    -------
+    measure : Measure
+        Which parameters may differ from day to day.
+    days : tuple of Day
+        The stored days in their order, then the new ones.
     """
     robot = identification.model.robot
     days: tuple[Day, ...] = ()
@@ -30,6 +48,7 @@ def days_of(
     with loaded(paths, robot, reading, part(progress, 0.0, 0.6)) as (measurements, _):
         recordings = [item.recording for item in measurements]
         if content is None:
+            # The first files decide whether temperature is a regressor: all later days have to be comparable.
             warm = all(recording.has_temperature for recording in recordings)
             measure = what_may_change(identification, with_temperature=warm)
         else:
@@ -37,6 +56,7 @@ def days_of(
         all_days = list(days)
         sources = [digest_of(path) for path in paths]
         for number, (recording, source) in enumerate(zip(recordings, sources, strict=True)):
+            # A file that is stored already is known by its hash, whatever it is called now.
             if any(day.source == source for day in all_days):
                 continue
             day_progress = part(progress, 0.6 + 0.4 * number / len(paths), 0.6 + 0.4 * (number + 1) / len(paths))

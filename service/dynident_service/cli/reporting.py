@@ -1,4 +1,4 @@
-"""What a report is made from, out of loaded measurements."""
+"""The contents of a report, from the recordings that a command has read."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dynident_service.cli.inputs import Loaded
 def reported_runs(
     identification: Identification, training: Sequence[Loaded], held_out: Sequence[Loaded], progress: Progress
 ) -> list[ReportedRun]:
-    """Every measurement with the model's prediction beside it."""
+    """Compare each recording with the model's prediction, for the report."""
     everything = [(item, False) for item in training] + [(item, True) for item in held_out]
     runs = []
     for index, (item, is_held_out) in enumerate(everything):

@@ -1,4 +1,4 @@
-"""Results as tables for people."""
+"""Results printed as tables."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from dynident.verdict import ModelVerdict, State
 
 _TOO_WIDE = (GROUPING, TIMES_SMALLEST)
+"""Columns of parameter tables that do not fit a terminal; files and reports have them."""
 
 STOPPED = 3
 """The exit code of a model that is not to be used."""
@@ -52,7 +53,7 @@ _MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
 
 
 def show_measurements(console: Console, measurements: Sequence[Loaded], held_out: Sequence[Loaded]) -> None:
-    """What was read, and everything doubtful in it."""
+    """Print the recordings and all checks that are not ok."""
     rows = []
     for group, use in ((measurements, "identification"), (held_out, "held out")):
         for item in group:
@@ -63,6 +64,7 @@ def show_measurements(console: Console, measurements: Sequence[Loaded], held_out
             )
     columns = ("measurement", "used for", "samples", "rate", "each joint stands")
     console.print(table("", columns, rows, right_from=2))
+    # Passed checks are not printed: the table says already that the file was read.
     for item in [*measurements, *held_out]:
         for check in item.checks:
             if check.status != "ok":
@@ -71,7 +73,7 @@ def show_measurements(console: Console, measurements: Sequence[Loaded], held_out
 
 
 def show_identification(console: Console, identification: Identification, *, parameters: bool = True) -> None:
-    """Errors per joint, parameters, warnings."""
+    """Print the errors per joint, the parameters, the shape constants, and the warnings of a model."""
     for reason in identification.preprocessing.reasons:
         console.print(f"  {reason}", style="dim")
     console.print(_errors_table(identification))
@@ -87,6 +89,7 @@ def show_identification(console: Console, identification: Identification, *, par
     if identification.shape_constants:
         print_tables(console, [shape_table(identification.shape_constants, identification.model.robot.joint_names)])
         for constant in identification.shape_constants:
+            # The note of a choice among kinds explains nothing that is odd.
             if constant.note and constant.judgement != "chosen":
                 place = place_text(constant.joints, identification.model.robot.joint_names)
                 console.print(f"  {constant.name} of {constant.effect} on {place}: {constant.note}.")
@@ -95,13 +98,13 @@ def show_identification(console: Console, identification: Identification, *, par
 
 
 def show_essential(console: Console, path: EssentialPath) -> None:
-    """What was taken out, step by step, and what is left."""
+    """Print the steps of the backward elimination and the essential parameters."""
     print_tables(console, (reported_table.without(*_TOO_WIDE) for reported_table in essential_tables(path)))
     console.print(path.reason)
 
 
 def show_comparison(console: Console, name: str, comparison: Comparison, judgement: Judgement) -> None:
-    """Errors per joint, also against the noise floor, and the worst stretches."""
+    """Print the errors per joint, their ratio to the noise floor, and the intervals with the largest residuals."""
     errors, moving = comparison.errors, comparison.moving_errors
     rows = [
         [
@@ -145,7 +148,7 @@ def show_comparison(console: Console, name: str, comparison: Comparison, judgeme
 
 
 def show_diagnosis(console: Console, diagnosis: AdvisedDiagnosis, robot: Robot) -> None:
-    """The verdict, the ranking, what was not visible."""
+    """Print the summary, the ranked candidates, the recommendation, and what the data cannot show."""
     console.print(diagnosis.summary, style="bold")
     console.print(table("Candidates", CANDIDATES, candidate_rows(diagnosis.candidates, robot), right_from=3))
     for item in diagnosis.candidates:
@@ -167,7 +170,7 @@ def show_diagnosis(console: Console, diagnosis: AdvisedDiagnosis, robot: Robot) 
 
 
 def show_changes(console: Console, diagnosis: Diagnosis, robot: Robot) -> None:
-    """What differs from the baseline, and what both lack."""
+    """Print what differs from the baseline, and what the model lacks before and after."""
     console.print(diagnosis.summary, style="bold")
     rows = [list(row) for change in diagnosis.changes or () for row in change_rows(change, robot)]
     if rows:
@@ -190,13 +193,29 @@ def _show_evidence(console: Console, change: Change) -> None:
 
 
 def choice_text(choice: EffectChoice, robot: Robot) -> str:
-    """An effect in words: "Stribeck friction on joint2"."""
+    """Return an effect in words: "Stribeck friction on joint2"."""
     title = effect_by_id(choice.effect).title
     return f"{title} on {place_text(choice.joints, robot.joint_names)}" if choice.joints else title
 
 
 def error_cells(moving: Errors, errors: Errors, joint: int, unit: str) -> list[str]:
-    """Of one joint: rms and relative error where it moves, relative error on all rows."""
+    """Format the errors of one joint.
+
+    Parameters
+    ----------
+    moving, errors : Errors
+        Errors on the rows where each joint moves, and on all rows.
+    joint : int
+        Index of the joint.
+    unit : str
+        Unit of its torque or force.
+
+    Returns
+    -------
+    list of str
+        Three cells: rms and relative error where it moves, relative error on all rows.
+    """
+    # A joint without torque has no error, and one that never moves has none while moving.
     if not errors.counts[joint]:
         return ["no torque", "–", "–"]
     if not moving.counts[joint]:
@@ -224,7 +243,8 @@ def _errors_table(identification: Identification) -> object:
 
 
 def show_verdict(console: Console, verdict: ModelVerdict) -> None:
-    """What the model is fit for, why not, and what to do next."""
+    """Print for which uses a model is fit, why or why not, and what to do next."""
+    # After a gross mistake the uses mean nothing.
     if verdict.stop is not None:
         console.print(f"✕ {verdict.summary}", style="bold red")
     else:
@@ -238,7 +258,7 @@ def show_verdict(console: Console, verdict: ModelVerdict) -> None:
 
 
 def _show_drift(console: Console, drift: Drift) -> None:
-    """How far a simulation is off that is left alone, joint by joint."""
+    """Print the drift of a simulation without feedback, joint by joint."""
     rows = [
         [joint, *(percent(share, 2) for share in joint_shares)]
         for joint, joint_shares in zip(drift.joint_names, drift.share.T.tolist(), strict=True)
@@ -250,7 +270,7 @@ def _show_drift(console: Console, drift: Drift) -> None:
 
 
 def show_ladder(console: Console, identification: Identification) -> None:
-    """The error falling, model by model."""
+    """Print the models that led to one and their errors, and mark the best one."""
     models = list(identification.ladder())
     best = best_rung(models)
     rows = []
@@ -268,12 +288,20 @@ def show_ladder(console: Console, identification: Identification) -> None:
 
 
 def show_ladders(console: Console, first: tuple[str, Identification], second: tuple[str, Identification]) -> None:
-    """Two ladders beside each other, each with its name: held-out errors, or those of the fit where there are none."""
+    """Print two ladders side by side.
+
+    Parameters
+    ----------
+    first, second : tuple of str and Identification
+        The name of each ladder and its last model. Held-out errors are compared; errors of the fit where any model of
+        the two has no held-out data.
+    """
     ladders = [list(identification.ladder()) for _, identification in (first, second)]
     held_out = all(model.held_out is not None for ladder in ladders for model in ladder)
     rows = []
     for index, pair in enumerate(zip_longest(*ladders)):
         errors = [None if model is None else _total(model, held_out) for model in pair]
+        # Of two relative errors the difference in percentage points.
         gap = "" if errors[0] is None or errors[1] is None else f"{100 * (errors[0] - errors[1]):+.2f}"
         cells = [
             ("" if m is None else change_text(m), "" if e is None else percent(e))
@@ -285,7 +313,7 @@ def show_ladders(console: Console, first: tuple[str, Identification], second: tu
 
 
 def change_text(model: Identification) -> str:
-    """What was added to the model before, or taken out of it."""
+    """Return in words what the last step added to a model or took out of it."""
     if model.step.parent is None:
         return "first model"
     robot = model.model.robot
@@ -299,7 +327,7 @@ def _total(model: Identification, held_out: bool) -> float:
 
 
 def show_series(console: Console, series: Series, robot: Robot) -> None:
-    """What changed and when, and the course of what did; of all else the file has it."""
+    """Print what changed and when, and the values of changed parameters day by day; the file has all of them."""
     console.print(series.summary, style="bold")
     rows = [
         [when(series_change, series.days), *row]
@@ -308,6 +336,7 @@ def show_series(console: Console, series: Series, robot: Robot) -> None:
     ]
     if rows:
         console.print(table("Changes", ("from", *COLUMNS), rows, right_from=4))
+    # An effect without joints is of the whole robot; its parameters have an empty joint.
     changed = {
         (series_change.change.choice.effect, joint)
         for series_change in series.changes
@@ -324,7 +353,7 @@ def show_series(console: Console, series: Series, robot: Robot) -> None:
 
 
 def when(change: SeriesChange, days: Sequence[str]) -> str:
-    """The day from which something differs, with those that the data cannot tell from it."""
+    """Return the day from which something differs, with the days that the data cannot tell from it."""
     if change.earliest == change.latest:
         return days[change.since]
     return f"{days[change.since]} ({days[change.earliest]} to {days[change.latest]})"

@@ -1,4 +1,4 @@
-"""Validations as tables for people."""
+"""Validations printed as tables."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _STYLES = {"pass": "bold green", "fail": "bold red", "not_evaluated": "bold"}
 
 
 def show_validation(console: Console, result: ValidationResult, robot: Robot) -> None:
-    """The figures, the verdict, its reason."""
+    """Print the tables of a validation, its verdict, and the reason."""
     names = robot.joint_names
     by_number = {name: str(number) for number, name in enumerate(names, start=1)}
     for reported_table in tables_of(result, names):
-        # Joints across the page take their numbers where the page is too narrow for their names.
+        # Where the terminal is too narrow for the joints' names as columns, their numbers stand there.
         short = by_number if _width(reported_table) > console.width else {}
         columns = [short.get(column, column) for column in reported_table.columns]
         console.print(
@@ -32,6 +32,6 @@ def show_validation(console: Console, result: ValidationResult, robot: Robot) ->
 
 
 def _width(reported_table: ReportedTable) -> int:
-    """Characters that a table takes with nothing wrapped."""
+    """Return the width of a table in characters, with nothing wrapped."""
     lines = [reported_table.columns, *reported_table.texts]
     return sum(max(len(line[k]) for line in lines) + 2 for k in range(len(reported_table.columns)))
