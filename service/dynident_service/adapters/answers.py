@@ -1,4 +1,4 @@
-"""From results of the science to the answers of the contract, field by field of the same name, and back."""
+"""Conversion of results of the library to views of the contract and back, field by field of the same name."""
 
 from __future__ import annotations
 
@@ -28,32 +28,59 @@ _AS_CALLED = common.At()
 
 
 def shown(view: type[ViewT], result: object, **more: object) -> ViewT:
-    """What the science found as the contract shows it.
+    """Build a view of a result.
 
     Parameters
     ----------
     view : type
-        Each of its fields is the result's attribute of that name, or the one that stands beside it (`At`); one that
-        may be null is where the result has no finite number. Errors have those of moving rows beside them.
+        A model of the contract. Each field is read from the result's attribute of the same name, or from the path that
+        `At` states in its annotation. A field that may be null is null where the number is not finite. Errors get the
+        errors on moving rows as well.
+    result : object
+        A result of the library; None where all fields are in `more`.
     more
-        Fields that the result knows nothing of.
+        Values of fields that the result does not have, or has in another form.
+
+    Returns
+    -------
+    BaseModel
+        The view.
     """
     values: dict[str, object] = {}
     for name, field in view.model_fields.items():
         owner, attribute = _place(result, _at(field).path or name)
+        # A path that ends at None, as "held_out.rms_total" without held-out data, gives null. An attribute that does
+        # not exist leaves the field to its default.
         nothing = None if owner is None and result is not None else _ABSENT
         value = more[name] if name in more else getattr(owner, attribute, nothing)
         if value is _ABSENT:
             continue
         if isinstance(value, Errors) and ErrorsView in _parts(field.annotation):
             value = show_errors(value, getattr(owner, f"{attribute}_moving", None))
+        # Models validate by alias where a field has one: "from" is no Python name.
         values[field.alias or name] = _shown(field.annotation, value)
     return view.model_validate(values)
 
 
 def known(science: type[T], view: BaseModel, **more: object) -> T:
-    """A result of the science from what was shown of it; `more` are fields that were not shown as they are."""
+    """Restore a result of the library from its view.
+
+    Parameters
+    ----------
+    science : type
+        The dataclass of the result.
+    view : BaseModel
+        The view, as it was stored.
+    more
+        Values of fields that the view holds in another form.
+
+    Returns
+    -------
+    object
+        The result, as far as the view holds it; other fields have their defaults.
+    """
     values: dict[str, dict[str, tuple[FieldInfo, object]]] = {}
+    # Several fields of a view may come from one attribute ("choice.effect", "choice.joints"): they are collected by it.
     for name, info in type(view).model_fields.items():
         field, _, inner = (_at(info).path or name).partition(".")
         values.setdefault(field, {})[inner] = (info, getattr(view, name))
@@ -72,7 +99,20 @@ def known(science: type[T], view: BaseModel, **more: object) -> T:
 
 
 def show_errors(errors: Errors, moving: Errors | None = None, sigma: FloatArray | None = None) -> ErrorsView:
-    """Show the errors of a model on data: on all rows, and on those where each joint moves."""
+    """Show the errors of a model on data.
+
+    Parameters
+    ----------
+    errors, moving : Errors
+        On all rows, and on those where each joint moves.
+    sigma : array (n,), optional
+        Standard deviation of the residual per joint.
+
+    Returns
+    -------
+    ErrorsView
+        The errors, null where a joint has no rows.
+    """
     return ErrorsView(
         **show_figures(errors).model_dump(),
         moving=None if moving is None else show_figures(moving),
@@ -81,7 +121,7 @@ def show_errors(errors: Errors, moving: Errors | None = None, sigma: FloatArray 
 
 
 def show_figures(errors: Errors) -> ErrorFigures:
-    """Show errors on some rows; a joint without any has none."""
+    """Show errors on a set of rows; null for a joint without rows there."""
     has_rows = errors.counts > 0
     return ErrorFigures(
         rms=numbers(np.where(has_rows, errors.rms, np.nan)),
@@ -91,13 +131,13 @@ def show_figures(errors: Errors) -> ErrorFigures:
 
 
 def finite(value: float) -> float | None:
-    """Give a number, or `None` for what JSON cannot say."""
+    """Return a number, or None for infinity and NaN, which JSON does not have."""
     return float(value) if math.isfinite(value) else None
 
 
 def numbers(values: FloatArray) -> list[float | None]:
-    """Give an array (n,) as JSON numbers."""
-    # Long signals are numbers throughout.
+    """Return an array (n,) as JSON numbers, None where one is not finite."""
+    # Signals are long and almost always finite: one vectorised check spares a Python call a sample.
     listed: list[float | None] = values.tolist()
     return listed if np.isfinite(values).all() else [finite(value) for value in values.tolist()]
 
@@ -120,12 +160,13 @@ def _parts(hint: Any) -> tuple[Any, ...]:
 def _shown(hint: Any, value: object) -> object:
     parts = _parts(hint)
     if isinstance(value, (np.ndarray, np.generic)):
-        # Long signals are numbers throughout.
+        # The same shortcut for long signals that are finite throughout.
         if value.ndim and np.isfinite(value).all():
             return value.tolist()
         value = value.tolist()
     if isinstance(value, float):
         return value if math.isfinite(value) or NoneType not in parts else None
+    # Before the containers: strings are sequences, and models are converted already.
     if value is None or hint is Any or isinstance(value, (str, int, BaseModel)):
         return value
     if isinstance(value, EffectChoice):
@@ -144,10 +185,11 @@ def _shown(hint: Any, value: object) -> object:
 
 
 def _known(hint: Any, shown_fields: Mapping[str, tuple[FieldInfo, object]]) -> object:
-    """The value of a field of the science, of one field that was shown or of several that hold its own."""
+    """Restore one attribute, from the field that shows it or from several fields that show its attributes."""
     if "" in shown_fields:
         field, value = shown_fields[""]
         return _back(hint, value, _at(field).null)
+    # Without an entry for the attribute itself, the fields show attributes of it, so it is built from them.
     flat = {
         name: _back(hint_of(hint, science_field), shown_fields[science_field.name][1])
         for science_field in fields(hint)
@@ -169,8 +211,10 @@ def _back(hint: Any, value: object, null: float | tuple[float, float] = math.nan
         return tuple(sorted(value.items()))
     if not isinstance(value, (list, tuple)):
         return value
+    # A list is an array in the library, unless the field says that it is a tuple.
     if get_origin(hint) is not tuple:
         return np.array(value, dtype=np.float64)
+    # Of an interval each end has its own value for null, as −∞ and ∞.
     if isinstance(null, tuple):
         return tuple(end if element is None else element for element, end in zip(value, null, strict=True))
     return tuple(_back(get_args(hint)[0], element) for element in value)

@@ -1,4 +1,4 @@
-"""The catalogue of effects, for the contract."""
+"""The catalogue of effects as a view of the contract."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dynident_service.models import effects as wire
 
 
 def catalogue() -> wire.Catalogue:
-    """Show all effects."""
+    """Return the view of all effects."""
     return wire.Catalogue(items=[_effect(effect) for effect in CATALOGUE.values()])
 
 

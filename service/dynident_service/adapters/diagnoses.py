@@ -1,4 +1,4 @@
-"""Diagnoses, the figures behind their ranked effects, and series of days between the contract and the science."""
+"""Views of diagnoses, of the figures behind their candidates, and of series of days; stored diagnoses read back."""
 
 from __future__ import annotations
 
@@ -21,7 +21,22 @@ from dynident_service.problems import ProblemError, unusable
 def describe_diagnosis(
     diagnosis: AdvisedDiagnosis, robot_id: str, measurement_ids: Sequence[str] = ()
 ) -> wire.DiagnosisResult:
-    """Describe a diagnosis of measurements for the wire; without their ids where they are no resources."""
+    """Build the view of a diagnosis.
+
+    Parameters
+    ----------
+    diagnosis : AdvisedDiagnosis
+        The diagnosis with its next experiment.
+    robot_id : str
+        The robot that a proposed design is for.
+    measurement_ids : sequence of str
+        The measurements that the next experiment complements; empty on the command line, where they are files.
+
+    Returns
+    -------
+    DiagnosisResult
+        The view.
+    """
     advice = diagnosis.next_experiment
     return shown(
         wire.DiagnosisResult,
@@ -32,21 +47,21 @@ def describe_diagnosis(
 
 
 def show_change(change: Change) -> wire.Change:
-    """Show what differs from the baseline, the number that says how large it is first."""
+    """Build the view of a change since the baseline; its main parameter stands at the top level."""
     return shown(wire.Change, change, **shown(wire.ChangedValue, change.main).model_dump())
 
 
 def show_next(advice: NextExperiment, robot_id: str, measurement_ids: Sequence[str] = ()) -> wire.NextExperiment:
-    """Show a proposed experiment, its design ready to be posted and to count the data at hand as earlier runs."""
+    """Build the view of a proposed experiment, whose design can be posted and complements the data at hand."""
     body = show_request(advice.design, robot_id).model_dump(mode="json", exclude_defaults=True)
     if measurement_ids:
         body["earlier_ids"] = list(measurement_ids)
-    # The kind is a default, but nobody should have to know that.
+    # Defaults are left out, except the kind: readers of the proposal should see what it is.
     return shown(wire.NextExperiment, advice, design={"robot_id": robot_id, "kind": advice.design.kind, **body})
 
 
 def diagnosis_of(stored: Mapping[str, object]) -> AdvisedDiagnosis:
-    """Make the diagnosis of a stored result."""
+    """Restore a diagnosis from its stored result."""
     wire_result = wire.DiagnosisResult.model_validate(stored)
     return known(
         AdvisedDiagnosis,
@@ -59,19 +74,33 @@ def diagnosis_of(stored: Mapping[str, object]) -> AdvisedDiagnosis:
 
 
 def advice_of(wire_experiment: wire.NextExperiment) -> NextExperiment:
-    """Make the proposed experiment of a stored result."""
+    """Restore a proposed experiment from its view."""
     return known(
         NextExperiment, wire_experiment, design=design_request(DesignRequest.model_validate(wire_experiment.design))
     )
 
 
 def write_evidence(figures: Sequence[Evidence], robot: Robot) -> bytes:
-    """Write all figures of a diagnosis."""
+    """Return all figures of a diagnosis as JSON, for the object store."""
     return json.dumps([plain(_figure(figure, figures, robot)) for figure in figures]).encode()
 
 
 def read_evidence(content: bytes, rank: int, joint: str | None) -> wire.Evidence:
-    """Read the figure of a ranked effect on a joint, or on that which it explains most of.
+    """Read the figure of a candidate on a joint.
+
+    Parameters
+    ----------
+    content : bytes
+        What `write_evidence` returned.
+    rank : int
+        Rank of the candidate, from 1.
+    joint : str, optional
+        The joint; without it the one on which the candidate explains most.
+
+    Returns
+    -------
+    Evidence
+        The figure.
 
     Raises
     ------
@@ -89,6 +118,7 @@ def read_evidence(content: bytes, rank: int, joint: str | None) -> wire.Evidence
 
 
 def _figure(figure: Evidence, figures: Sequence[Evidence], robot: Robot) -> wire.Evidence:
+    # The first joint of this list is the one that `read_evidence` shows when none is asked for.
     same = sorted((other for other in figures if other.rank == figure.rank), key=lambda other: -other.explained)
     return shown(
         wire.Evidence,
@@ -99,7 +129,7 @@ def _figure(figure: Evidence, figures: Sequence[Evidence], robot: Robot) -> wire
 
 
 def describe_series(series: Series) -> wire.SeriesResult:
-    """Describe a series of days for the wire."""
+    """Build the view of a series of days."""
     courses = [
         shown(wire.Course, course, lower=course.intervals[:, 0], upper=course.intervals[:, 1])
         for course in series.courses

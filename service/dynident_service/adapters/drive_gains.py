@@ -1,4 +1,4 @@
-"""Drive gains between the contract and the science."""
+"""Drive gains as views and as tables."""
 
 from __future__ import annotations
 
@@ -19,7 +19,24 @@ def describe_gains(
     loads: Sequence[tuple[str, str, PayloadEstimate]] = (),
     warnings: Sequence[str] = (),
 ) -> wire.DriveGainsResult:
-    """Describe gains for the wire, with the loads (measurement's id and name) weighed with them."""
+    """Build the view of drive gains.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, for the units.
+    drive_gains : DriveGains
+        The identified gains.
+    loads : sequence of tuple
+        Id and name of a measurement, and the load that was weighed in it with these gains.
+    warnings : sequence of str
+        Warnings beyond those of the gains.
+
+    Returns
+    -------
+    DriveGainsResult
+        The view.
+    """
     gains = [shown(wire.IdentifiedGain, gain, unit=_unit(robot, index)) for index, gain in enumerate(drive_gains.each)]
     weighed = [
         shown(wire.WeighedLoad, load, measurement_id=measurement_id, name=name) for measurement_id, name, load in loads
@@ -28,7 +45,7 @@ def describe_gains(
 
 
 def gain_tables(result: wire.DriveGainsResult) -> Iterator[ReportedTable]:
-    """The gains, and the loads weighed with them."""
+    """Yield the table of gains and the table of weighed loads."""
     gains = tuple(
         (
             Cell(gain.joint),
@@ -56,7 +73,7 @@ def gain_tables(result: wire.DriveGainsResult) -> Iterator[ReportedTable]:
 
 
 def _within(value: float, ends: tuple[float | None, float | None]) -> tuple[Cell, Cell]:
-    """A value, and half of its interval, with as many digits as that has."""
+    """Return the cells of a value and of half its interval; the interval decides the digits."""
     low, high = ends
     half = None if low is None or high is None else (high - low) / 2.0
     texts = estimate(value, inf if half is None else half)
@@ -64,6 +81,7 @@ def _within(value: float, ends: tuple[float | None, float | None]) -> tuple[Cell
 
 
 def _unit(robot: Robot, index: int) -> str:
+    # Without a stated gain the recorded torque is multiplied by a factor, which has no unit.
     if robot.drives[index].gain is None:
         return "-"
     return "N m/A" if robot.joints[index].kind == "revolute" else "N/A"
