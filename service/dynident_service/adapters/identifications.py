@@ -1,4 +1,4 @@
-"""Identifications between the contract and the science."""
+"""Identifications: choices from request bodies, views and tables of identified models."""
 
 from __future__ import annotations
 
@@ -23,9 +23,26 @@ from dynident_service.models import identifications as wire
 def choices_from_request(
     request: wire.IdentificationRequest, robot: Robot, recordings: Sequence[Recording] = ()
 ) -> IdentificationChoices:
-    """Take the choices of a request; `DynidentError` where they do not fit the robot, exist, or are available.
+    """Build the choices of an identification from a body.
 
-    The preprocessing is left to the data where there are no recordings to choose it from.
+    Parameters
+    ----------
+    request : IdentificationRequest
+        The body.
+    robot : Robot
+        The robot.
+    recordings : sequence of Recording
+        Recordings that the filters are chosen from. Without them, the filters are left to the identification.
+
+    Returns
+    -------
+    IdentificationChoices
+        The choices.
+
+    Raises
+    ------
+    DynidentError
+        Where a choice does not exist, is not available, or does not fit the robot.
     """
     filters = _preprocessing(request, recordings) if recordings else None
     choices = taken(request, IdentificationChoices, preprocessing=filters)
@@ -36,7 +53,22 @@ def choices_from_request(
 def describe_identification(
     identification: Identification, parent_id: str | None, parent: Identification | None = None
 ) -> wire.IdentificationResult:
-    """Describe an identified model for the wire, with the models between it and the one that it was made from."""
+    """Build the view of an identified model.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model.
+    parent_id : str, optional
+        Id of the model that it was made from.
+    parent : Identification, optional
+        That model; with it the view has the steps between the two.
+
+    Returns
+    -------
+    IdentificationResult
+        The view.
+    """
     return shown(
         wire.IdentificationResult,
         identification,
@@ -49,31 +81,31 @@ def describe_identification(
 
 
 def describe_essential(path: EssentialPath) -> wire.EssentialView:
-    """Describe what is left of a model by backward elimination."""
+    """Build the view of a backward elimination with the essential parameters."""
     essential_parameters = [parameter for parameter in path.identification.parameters if parameter.essential]
     return shown(wire.EssentialView, path, parameters=essential_parameters, tables=show_tables(essential_tables(path)))
 
 
 def identification_tables(result: wire.IdentificationResult) -> Iterator[ReportedTable]:
-    """The parameters and the shape constants of a stored result."""
+    """Yield the tables of parameters and of shape constants of a stored result."""
     yield parameter_table("Base parameters", [_parameter(parameter) for parameter in result.parameters])
     if result.shape_constants:
         yield shape_table([known(ShapeConstant, constant) for constant in result.shape_constants], result.joints)
 
 
 def _parameter(parameter: wire.ParameterView) -> IdentifiedParameter:
-    # Older versions stored no judgement.
+    # Models that older versions stored have no judgement; it follows from what they have.
     judgement = parameter.judgement or ("determined" if parameter.well_identified else "uncertain")
     return known(IdentifiedParameter, parameter, judgement=judgement)
 
 
 def show_fit(identification: Identification) -> wire.ErrorsView:
-    """Show the errors of a model on the data that it was identified from."""
+    """Build the view of the errors on the data that a model was identified from."""
     return show_errors(identification.fit, identification.fit_moving, identification.noise)
 
 
 def _between(parent: Identification, identification: Identification) -> list[Identification]:
-    """The models above `parent` and below `found`, in the order in which they were made."""
+    """Return the models between `parent` and `identification`, both excluded, in the order they were made."""
     between: list[Identification] = []
     ancestor = identification.step.parent
     while ancestor is not None and ancestor is not parent:
@@ -87,10 +119,11 @@ def _step(identification: Identification) -> wire.StepView:
 
 
 def _preprocessing(request: wire.IdentificationRequest, recordings: Sequence[Recording]) -> Preprocessing | None:
-    """The filters that were asked for; None where all of them are left to the data and to what the model explains."""
+    """Return the filters that a body states; None where all of them are chosen by the identification."""
     stated_filters = request.preprocessing
     filter_values = {} if isinstance(stated_filters, str) else stated_filters.model_dump()
     if all(value == "auto" for value in filter_values.values()):
         return None
+    # Tests of friction at constant velocity say nothing about the bandwidth of the motion.
     motions, _ = motions_and_friction(recordings)
     return preprocessing_from_request(filter_values, motions)

@@ -1,4 +1,4 @@
-"""Files that are looked at, between the contract and the science."""
+"""Inspections of uploaded files as views, with the metadata that are proposed for them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,24 @@ from dynident_service.models.measurements import MeasurementMetadata
 
 
 def look_at(source: Path, robot: Robot, metadata: wire.ImportMetadata, sha256: str) -> wire.ImportResult:
-    """Look at a user's file, which is known by its `sha256`; what is said of it goes before what is guessed."""
+    """Inspect an uploaded file and propose metadata for it.
+
+    Parameters
+    ----------
+    source : Path
+        The file.
+    robot : Robot
+        The robot that it is a recording of.
+    metadata : ImportMetadata
+        What the user states; it wins over what is guessed.
+    sha256 : str
+        The hash of the file.
+
+    Returns
+    -------
+    ImportResult
+        Guesses, open questions and the proposed metadata.
+    """
     stated_metadata = taken(metadata, RecordingMetadata)
     inspection = inspect_file(source, robot, stated_metadata.rate)
     assert inspection.proposal is not None
@@ -26,6 +43,7 @@ def look_at(source: Path, robot: Robot, metadata: wire.ImportMetadata, sha256: s
         units={**inspection.proposal.units, **stated_metadata.units},
         effort_kind=inspection.proposal.effort_kind,
     )
+    # A question about the columns of one kind, as tau1…, is answered by any stated key of that kind.
     answered = {key.rstrip("0123456789") for key in (*stated_metadata.columns, *stated_metadata.units)}
     view = describe_inspection(inspection, sha256)
     questions = [
@@ -38,7 +56,7 @@ def look_at(source: Path, robot: Robot, metadata: wire.ImportMetadata, sha256: s
 
 
 def describe_inspection(inspection: Inspection, sha256: str) -> wire.InspectionView:
-    """Describe what was found in a file for the wire."""
+    """Build the view of an inspection; without a proposal it has no guesses and questions."""
     proposal = inspection.proposal
     questions = [
         shown(wire.QuestionView, question, choices=question.choices or None)

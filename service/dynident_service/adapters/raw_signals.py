@@ -1,4 +1,4 @@
-"""Signals as they were recorded, between the contract and the science."""
+"""Signals of an uploaded file as they were recorded, and standstills of a recording, as views."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from dynident_service.models.measurements import MeasurementMetadata, RawSignals
 
 
 def as_recorded(path: Path, robot: Robot, metadata: MeasurementMetadata, signal_names: list[str]) -> AsRecorded:
-    """Open signals of a file; `RecordingError` for one that is not there."""
+    """Open signals of a file; `RecordingError` for a signal that the file does not have."""
     return AsRecorded(FileOfRobot(path, metadata_of(metadata), recorded_joints(robot)), signal_names)
 
 
 def thinned(signals: AsRecorded, points: int, start: float | None, end: float | None) -> RawSignals:
-    """Show signals thinned for drawing."""
+    """Build the view of signals thinned for plots; start and end in s."""
     total, rows = signals.thinned(points, start, end)
     return RawSignals(
         units=signals.units,
@@ -34,7 +34,9 @@ def thinned(signals: AsRecorded, points: int, start: float | None, end: float | 
 
 
 def streamed(signals: AsRecorded, start: float | None, end: float | None) -> Iterator[bytes]:
-    """Show all of the signals in the same form, one after the other, so that none is ever in memory whole."""
+    """Yield all samples as JSON of the form of `RawSignals`, signal by signal, so that memory stays bounded."""
+    # The JSON is put together by hand, because a file may be larger than memory. Each signal is read on its own, so the
+    # file is passed once for the time and once for each signal.
     yield f'{{"units": {json.dumps(signals.units)}, "t": ['.encode()
     total = 0
     for block in signals.rows((), start, end):
@@ -50,7 +52,7 @@ def streamed(signals: AsRecorded, start: float | None, end: float | None) -> Ite
 
 
 def standstills(recording: Recording) -> Standstills:
-    """Show when every joint of a recording stands, or sticks."""
+    """Return the intervals of time in which each joint of a recording stands."""
     segments = phases_of(recording).halts
     return Standstills(
         joints=[

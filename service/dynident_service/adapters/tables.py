@@ -1,4 +1,4 @@
-"""Tables in words between the science and the contract."""
+"""Tables of reports as views."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dynident_service.models.tables import Table, TableColumn
 
 
 def show_tables(tables: Iterable[ReportedTable]) -> list[Table]:
-    """Show tables."""
+    """Build the views of tables."""
     return [shown(Table, table, columns=_columns(table)) for table in tables]
 
 

@@ -1,4 +1,4 @@
-"""The figures behind a validation's verdict, as tables for people."""
+"""The figures behind the verdict of a validation, as tables."""
 
 from __future__ import annotations
 
@@ -24,13 +24,26 @@ TITLES = {
 
 
 def reported(result: ValidationResult, joints: Sequence[str]) -> ReportedValidation:
-    """A validation with its tables."""
+    """Build the part of a report on a validation: title, verdict and tables."""
     verdict = Judged(result.verdict, result.reason)
     return ReportedValidation(TITLES[result.kind], verdict, tuple(tables_of(result, joints)), result.kind)
 
 
 def tables_of(result: ValidationResult, joints: Sequence[str]) -> Iterator[ReportedTable]:
-    """The tables that a result has figures for."""
+    """Yield the tables of a validation.
+
+    Parameters
+    ----------
+    result : ValidationResult
+        The result; a kind of validation fills only some of its fields.
+    joints : sequence of str
+        Names of the robot's joints.
+
+    Yields
+    ------
+    ReportedTable
+        One table for each kind of figures that the result has.
+    """
     joint_columns = (*joints, "all joints")
     if result.measurements and result.total is not None:
         rows = [(measurement.name, measurement.errors) for measurement in result.measurements]

@@ -1,4 +1,4 @@
-"""Validations between the contract and the science."""
+"""Validations: what is to be validated from request bodies, and views of the results."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def trial_from_request(wire_request: wire.ValidationRequest) -> Trial:
-    """Take the validation that is asked for off the wire; `DynidentError` for what its kind does not take."""
+    """Build the validation that a body asks for; `DynidentError` for options that its kind does not take."""
     options: Any = taken(wire_request, Stated)
     return trial_of(
         wire_request.kind, {option_field.name: getattr(options, option_field.name) for option_field in fields(options)}
@@ -37,7 +37,22 @@ def trial_from_request(wire_request: wire.ValidationRequest) -> Trial:
 
 
 def describe(trial: Trial, outcome: TrialResult, measurement_ids: Sequence[str]) -> wire.ValidationResult:
-    """Describe what a validation gave, for the measurements that it was tried on."""
+    """Build the view of a validation's result.
+
+    Parameters
+    ----------
+    trial : Trial
+        The kind of validation and its options.
+    outcome : TrialResult
+        What it gave.
+    measurement_ids : sequence of str
+        Ids of the recordings that it used, in their order.
+
+    Returns
+    -------
+    ValidationResult
+        The view.
+    """
     match outcome:
         case TorqueValidation():
             errors_by_id = zip(measurement_ids, outcome.recordings, strict=True)
@@ -64,6 +79,7 @@ def describe(trial: Trial, outcome: TrialResult, measurement_ids: Sequence[str])
             return _result(trial, outcome, methods=[_method(method, outcome.parameters) for method in outcome.results])
         case FiltersBySimulation():
             return _result(trial, outcome, filters=_filters(outcome))
+    # The remaining kinds give one outcome a recording.
     outcomes_by_id = zip(measurement_ids, outcome, strict=True)
     if isinstance(trial, Payload):
         weighed = [

@@ -1,4 +1,4 @@
-"""Verdicts of models between the contract and the science."""
+"""Verdicts on the fitness of a model as views."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dynident_service.models.measurements import MeasurementMetadata
 
 @dataclass(frozen=True, eq=False)
 class SeenMeasurement:
-    """A stored measurement that a model was made from or tried on."""
+    """A stored recording that a model was identified from or held against."""
 
     id: str
     recording: Recording
@@ -24,7 +24,20 @@ class SeenMeasurement:
 
 
 def show_verdict(verdict: ModelVerdict, measurements: Sequence[SeenMeasurement] = ()) -> wire.VerdictView:
-    """Show a verdict; recordings that are not `seen` are told by name."""
+    """Build the view of a verdict.
+
+    Parameters
+    ----------
+    verdict : ModelVerdict
+        The verdict, which names recordings by name.
+    measurements : sequence of SeenMeasurement
+        Stored recordings; those among them are named by id in the view.
+
+    Returns
+    -------
+    VerdictView
+        The view.
+    """
     by_name = {measurement.recording.name: measurement for measurement in measurements}
     stop = None if verdict.stop is None else _stop(verdict.stop, by_name.get(verdict.stop.recording or ""))
     common = [
@@ -47,6 +60,7 @@ def _id(measurements: Mapping[str, SeenMeasurement], name: str) -> str:
 def _stop(stop: Stop, measurement: SeenMeasurement | None) -> wire.StopView:
     cure = stop.apply
     if cure is not None and measurement is not None:
+        # The cure refers to the recording as it was read. The revision has to change what was stated about the file.
         cure = after(cure, metadata_of(measurement.said), measurement.recording.joint_names)
     return wire.StopView(
         cause=stop.cause,
