@@ -1,4 +1,4 @@
-"""Bodies of the contract from the requests of the science: their fields, words, units, ranges and defaults."""
+"""Bodies of the contract, derived from request dataclasses of the library: fields, words, units, ranges, defaults."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SCIENCE: dict[type[BaseModel], type] = {}
 def asks(
     science: type, *but: str, only: tuple[str, ...] | None = None, or_null: tuple[str, ...] = ()
 ) -> Callable[[type[ModelT]], type[ModelT]]:
-    """A body that asks for a request of the science: with its fields beside those that the class states itself.
+    """Decorate a body: add the fields of a request of the library to those that the class states itself.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def asks(
 
 
 def query_of(science: type) -> object:
-    """The parameters of a query that ask for a request of the science; others are ignored."""
+    """Build the model of a query that asks for a request of the library; other parameters are ignored."""
     derived: dict[str, Any] = {
         request_field.name: _derived(science, request_field) for request_field in fields(science)
     }
@@ -75,7 +75,7 @@ def query_of(science: type) -> object:
 
 
 def body_of(science: type) -> type[BaseModel]:
-    """What a request of the science, or a part of one, is on the wire."""
+    """Return the body of a request of the library, or of a part of one."""
     if science not in BODIES:
         plain: type[BaseModel] = create_model(science.__name__, __base__=Asked, __doc__=science.__doc__)
         asks(science)(plain)
@@ -97,7 +97,7 @@ def _derived(science: type, request_field: Field[Any], or_null: bool = False) ->
 
 
 def choices_shown(kinds: Named) -> JsonDict:
-    """What a schema says of a field that is one of several."""
+    """Return the schema extension that lists the choices of a field."""
     choices: list[JsonValue] = [
         {"name": choice.name, "label": choice.label or choice.name, "words": choice.words} for choice in kinds.choices
     ]

@@ -1,4 +1,4 @@
-"""What the routes have in common: lists, retries, the answer 202, dependents."""
+"""What the routes share: queries of lists, idempotent retries, stored and computed resources, JSON bodies."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class ListQuery:
     archived: bool = True
 
 
-# What requests depend on is asynchronous, as it is short: else each would wait for a thread just for this.
+# These dependencies are asynchronous because they are short: FastAPI runs synchronous ones in a thread each.
 
 
 async def list_query(limit: Limit = 50, cursor: Cursor = None) -> ListQuery:
@@ -66,7 +66,7 @@ class RetryKey:
     key: str | None
 
     def of(self, body: BaseModel, *more: str) -> Retry | None:
-        """Bind the key to what is asked, so that a retry is told from another request."""
+        """Bind the key to a hash of the body, so that another request with the same key is recognised."""
         if self.key is None:
             return None
         content = json.dumps([body.model_dump(mode="json"), *more], sort_keys=True)
@@ -95,7 +95,7 @@ def href(kind: str, identifier: str) -> str:
 
 
 def make(services: Services, new: NewResource, response: Response) -> Resource:
-    """Store a resource, or find the one that an earlier try of the same request made; start its job."""
+    """Store a resource and start its job, or return the one that an earlier try of the same request stored."""
     existing = services.resources.known(new.retry)
     if existing is not None:
         return again(existing, response)
@@ -135,7 +135,7 @@ def page_of(
 
 
 def succeeded(resource: Resource) -> Resource:
-    """Insist that a resource has been computed; a problem 409 that says where it stands."""
+    """Return a resource that has been computed; raise a problem 409 with its state otherwise."""
     job = resource.job
     if job is not None and job.state != "succeeded":
         detail = f"The {resource.kind} {resource.id} is {job.state}; this is there once its job {job.id} succeeded."

@@ -1,4 +1,4 @@
-"""What a diagnosis has found, for somebody who adds an effect by its name alone."""
+"""Completion of effects that are added by name alone, from earlier diagnoses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The routes that resources have in common: asked for where a job computes them, listed, shown, labelled, deleted."""
+"""The routes that all kinds of resources share: create by a job, list, show, label, delete."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ class Kept:
 
 
 SHOWN: dict[Kind, Show] = {}
-"""How each kind that has these routes is shown."""
+"""The function that shows a resource, by kind."""
 
 
 def keep(router: APIRouter, routes: Kept, *, with_list: bool = True) -> None:
-    """Add the routes of a kind; `with_list` unless its list is one of its own."""
+    """Add the routes of a kind of resource; `with_list=False` where its list is a route of its own."""
     kind, show = routes.kind, routes.show or _computed(routes.view)
     SHOWN[kind] = show
 
@@ -68,7 +68,7 @@ def keep(router: APIRouter, routes: Kept, *, with_list: bool = True) -> None:
     def labelled(identifier: str, body: LabelsRequest, services: ServicesDep) -> object:
         return show(services.resources.label(kind, identifier, name=body.name, tags=body.tags, archived=body.archived))
 
-    # Parameters are called after the kinds.
+    # FastAPI reads annotations: they name the parameter after the kind, and the model that is returned.
     for route in (shown, deleted, labelled):
         route.__annotations__["identifier"] = Annotated[str, Path(alias=f"{kind}_id")]
     shown.__annotations__["return"] = labelled.__annotations__["return"] = routes.view
@@ -87,10 +87,24 @@ def keep(router: APIRouter, routes: Kept, *, with_list: bool = True) -> None:
 def asked_for(
     router: APIRouter, routes: Kept, job: NewJob, arguments: Arguments = lambda _, __: {}
 ) -> Callable[[Needs[BodyT]], Needs[BodyT]]:
-    """Beside what says what a new resource rests on, or refuses the body: the route that asks for one, and the others.
+    """Decorate a function that checks a body: add the route that creates a resource by a job, and the other routes.
 
-    A job computes it, with the arguments that are made of the request and its body. The route is called as the function
-    is, and has its words.
+    Parameters
+    ----------
+    router : APIRouter
+        The router that gets the routes.
+    routes : Kept
+        The kind of resource.
+    job : NewJob
+        The job that computes it.
+    arguments : callable
+        Makes further arguments of the job from the request and its body.
+
+    Returns
+    -------
+    callable
+        A decorator. The decorated function returns what the new resource depends on, or refuses the body. The route
+        has its name and its docstring.
     """
     keep(router, routes)
 

@@ -1,4 +1,4 @@
-"""What a request names must be there, and fit."""
+"""Resources that a request names: they must exist, have succeeded, and fit each other."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dynident_service.storage.resources import Resources
 
 
 class Readable(Protocol):
-    """Where resources are found by their ids."""
+    """Reads resources by their ids."""
 
     def find(self, identifier: str) -> Resource | None:
         """Read a resource of whatever kind."""
@@ -22,7 +22,7 @@ class Readable(Protocol):
 
 
 class Reading(Protocol):
-    """The services, or as much of them as a request needs that only looks."""
+    """The part of the services that a check of a request needs: its resources."""
 
     @property
     def resources(self) -> Readable:
@@ -30,7 +30,7 @@ class Reading(Protocol):
 
 
 class ReadAhead:
-    """Resources that are read all at once, before they are asked for one by one."""
+    """Resources that are read with one query, before a batch asks for them one by one."""
 
     def __init__(self, resources: Resources, identifiers: Iterable[str]) -> None:
         self._resources = resources
@@ -38,7 +38,7 @@ class ReadAhead:
 
     @property
     def resources(self) -> Readable:
-        """Itself: this is all that is read from."""
+        """Itself, so that it can stand in for the services."""
         return self
 
     def find(self, identifier: str) -> Resource | None:
@@ -86,7 +86,7 @@ def needed_model(services: Reading, identifier: str) -> Resource:
 
 
 def needed_design(services: Reading, identifier: str, robot: Resource) -> RestsOn:
-    """The design that the request names must be of this robot, and computed."""
+    """Return the dependency on a design; it must be computed, and for this robot."""
     design = needed_result(services, "design", identifier, "/design_id")
     if design.one("robot") != robot.id:
         detail = f"the design {identifier!r} is for another robot, {design.one('robot')}"
@@ -95,7 +95,7 @@ def needed_design(services: Reading, identifier: str, robot: Resource) -> RestsO
 
 
 def resting_on(resource: Resource) -> RestsOn:
-    """To rest on a robot or a model that the request names by the id of its kind."""
+    """Return the dependency on a robot or a model that the request names by the id of its kind."""
     return RestsOn(resource.id, resource.kind, resource.kind, f"/{resource.kind}_id")
 
 
