@@ -1,1 +1,1 @@
-"""The HTTP service: routes, jobs, storage. It holds no science."""
+"""The HTTP service: routes, jobs and storage. It contains no science."""

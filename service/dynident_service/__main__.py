@@ -9,7 +9,7 @@ from dynident_service.environment import hide_secrets
 
 
 def main() -> int:
-    """Start the service; tells the exit code where it cannot."""
+    """Start the service; return the exit code if it cannot start."""
     hide_secrets()
     from dynident_service.serve import serve
 

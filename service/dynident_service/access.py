@@ -1,4 +1,4 @@
-"""Every request has an id, and a line in the log when it is answered."""
+"""Request ids and the access log."""
 
 from __future__ import annotations
 
@@ -17,28 +17,29 @@ from dynident_service.middleware import HOLDER
 from dynident_service.problem_responses import REQUEST_ID
 
 SANE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
-"""An id that is taken from the caller; whatever else it sends is left out of the log."""
+"""Pattern of an id that is accepted from the caller; anything else would be written into the log unchecked."""
 CLIENT_LEFT = 499
-"""What the log has for a request that nobody waited for any more; HTTP has no name for it."""
+"""Status in the log of a request whose client left before the answer; HTTP has none for it."""
 log = logging.getLogger("dynident.access")
 
 
 class Access:
-    """Gives every request its id (`X-Request-ID`: the caller's, or a new one) and tells how it was answered.
+    """Middleware that gives every request its id (`X-Request-ID`: the caller's, or a new one) and logs its answer.
 
-    Neither the query nor any header is written down: a credential may be in them.
+    Query and headers are not logged, as they may hold credentials.
     """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, and note what comes of it."""
+        """Pass a request on, and log its status and duration."""
         if scope["type"] != "http":
             return await self._app(scope, receive, send)
-        given = Headers(scope=scope).get(REQUEST_ID, "")
-        identifier = given if SANE.fullmatch(given) else secrets.token_hex(8)
-        # For good: an error that nothing expected is answered, and told, outside of this. Each request is a task.
+        sent_identifier = Headers(scope=scope).get(REQUEST_ID, "")
+        identifier = sent_identifier if SANE.fullmatch(sent_identifier) else secrets.token_hex(8)
+        # Never reset: an unexpected error is answered and logged outside of this middleware. As each request is a task
+        # of its own, the id reaches no other request.
         answering(identifier)
         status: int | None = None
 

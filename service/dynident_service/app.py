@@ -1,4 +1,4 @@
-"""The application: storage and engine opened, routes put together."""
+"""The application: it opens storage and engine and assembles routes and middleware."""
 
 from __future__ import annotations
 
@@ -45,9 +45,20 @@ log = logging.getLogger("dynident.service")
 
 
 def create_app(settings: Settings | None = None, nursery: Nursery | None = None) -> FastAPI:
-    """Put the application together; nothing is opened before it starts.
+    """Assemble the application; nothing is opened before it starts.
 
-    Applications of one process may share a nursery, which whoever made it closes.
+    Parameters
+    ----------
+    settings : Settings, optional
+        Settings; those of the environment by default.
+    nursery : Nursery, optional
+        Process that child processes are forked from. Several applications of one process may share it; whoever made it
+        closes it.
+
+    Returns
+    -------
+    FastAPI
+        The application.
     """
     settings = settings or Settings()
     metrics = Metrics()
@@ -79,7 +90,7 @@ def create_app(settings: Settings | None = None, nursery: Nursery | None = None)
         lifespan=lifespan,
         generate_unique_id_function=lambda route: route.name,
         responses={422: PROBLEM, "default": PROBLEM},
-        # It would trace by itself where it finds a provider, and tell queries, in which credentials may be.
+        # FastAPI's own tracing would record queries, which may hold credentials.
         telemetry={"auto_configure": False, "tracing": False, "metrics": False, "logs": False},
         docs_url=None,
         redoc_url=None,
@@ -90,7 +101,8 @@ def create_app(settings: Settings | None = None, nursery: Nursery | None = None)
     mount_documentation(app)
     mount_workbench(app)
     install_problems(app, _methods_by_path(app))
-    # The last one added is the first that a request meets.
+    # Middleware runs in reverse order: the last one added is the first that a request meets. Ids and headers come
+    # first so that refusals carry them too; bodies are read only after the key was checked.
     app.add_middleware(UploadRoom, settings=settings, database=lambda: app.state.services.database)
     app.add_middleware(BodyLimit, settings=settings)
     app.add_middleware(Gate, settings=settings, keys=lambda: app.state.keys)
@@ -112,7 +124,7 @@ def create_app(settings: Settings | None = None, nursery: Nursery | None = None)
 
 
 def _party_of(app: FastAPI) -> Callable[[Scope], str]:
-    """Tell which party a request comes from: by its key, or by its address before keys are known."""
+    """Return a function that names the party of a request: its key, or its address before keys are loaded."""
 
     def party_of(scope: Scope) -> str:
         keys: KeyRing | None = getattr(app.state, "keys", None)

@@ -1,4 +1,4 @@
-"""Computations that a request waits for: in a few processes of their own, and no longer than its client waits."""
+"""Computations that a request waits for: in a few child processes, and only while the client is there."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ from dynident_service.problems import ProblemError
 T = TypeVar("T")
 
 MOST_WAITING = 30
-"""Requests that may wait for a process or have one, shared by key; one more is told to come back."""
+"""Upper limit for requests that wait for a child process or have one, shared by key; further ones get 429."""
 LOOK = 0.25
-"""How often, in seconds, it is looked whether the client is still there."""
+"""Seconds between looks whether the client is still there."""
 STUCK_SECONDS = 4.0
-"""Processor time without a sign of life after which a process is stuck in a library that goes round in circles in a
-damaged file. None of ours keeps the interpreter for a second."""
+"""Seconds of processor time without a heartbeat after which a process counts as stuck: a library loops over a damaged
+file. No computation of ours holds the interpreter for a second.
+"""
 
 
 class Awaited:
-    """Has children compute for requests, as many at a time as there are children.
+    """Runs computations of requests in child processes, as many at a time as there are children.
 
-    They are shared by key, and one of several is kept for short computations.
+    The children are shared by key, and one of several is reserved for short computations.
     """
 
     def __init__(self, size: int, nursery: Nursery, confinement: Confinement | None = None) -> None:
@@ -55,10 +56,28 @@ class Awaited:
         *,
         is_long: bool = False,
     ) -> T:
-        """Compute what a function gives, within limits; `is_long` says that it reads a file, which may take long.
+        """Call a function in a child process and return its value.
 
-        A problem 429 if too many wait, 503 if it takes too long, and whatever problem comes out.
-        Where the client leaves, the process is killed.
+        Parameters
+        ----------
+        request : Request
+            Request that waits; if its client leaves, the child process is killed.
+        function : str
+            Function as "module:name".
+        gives : type
+            Type of the value.
+        arguments : mapping
+            Keyword arguments, plain values.
+        limits : Limits, optional
+            Limits of the computation.
+        is_long : bool
+            Whether the function reads a file, which may take long.
+
+        Raises
+        ------
+        ProblemError
+            429 if too many requests wait, 503 if it takes too long, 408 if the client left, or the problem of the
+            function.
         """
         party = party_of_request(request.scope)
         if not self._waiting.may_take(party):
@@ -69,25 +88,25 @@ class Awaited:
             raise ProblemError(429, detail, title="Too busy")
         take_long(request.scope)
         over = threading.Event()
-        found: Answer | None = None
+        answer: Answer | None = None
         ticket = Ticket(party, is_long)
         self._waiting.take(party)
         try:
             async with _while_client_waits(request, over), self._queue.turn_of(ticket):
-                found = await to_thread.run_sync(
+                answer = await to_thread.run_sync(
                     self._compute, Call(function, arguments, limits=limits or Limits()), over, limiter=self._threads
                 )
         finally:
             self._waiting.give_back(party)
-        if found is None:
+        if answer is None:
             raise ProblemError(408, "The client left before its answer was there.", title="Client left")
-        if found.problem is not None:
-            raise ProblemError.of(found.problem)
-        value: T = found.value
+        if answer.problem is not None:
+            raise ProblemError.of(answer.problem)
+        value: T = answer.value
         return value
 
     def close(self) -> None:
-        """Kill the children."""
+        """Kill the child processes."""
         self._pool.close()
 
     def _compute(self, call: Call, over: threading.Event) -> Answer | None:
@@ -96,7 +115,7 @@ class Awaited:
         watch = _ProgressWatch(child)
         try:
             child.send(call)
-            while (found := child.receive(0.1)) is None:
+            while (answer := child.receive(0.1)) is None:
                 if over.is_set():
                     self._pool.replace(child)
                     return None
@@ -110,13 +129,13 @@ class Awaited:
         except BaseException:
             self._pool.replace(child)
             raise
-        assert isinstance(found, Answer)
-        self._pool.put_back(child, found)
-        return found
+        assert isinstance(answer, Answer)
+        self._pool.put_back(child, answer)
+        return answer
 
 
 class _ProgressWatch:
-    """Tells whether a child uses its processor without giving a sign of life."""
+    """Detects a child that uses its processor without sending heartbeats."""
 
     def __init__(self, child: Child) -> None:
         self._child = child
@@ -125,19 +144,20 @@ class _ProgressWatch:
         self._used = 0.0
 
     def is_stuck(self) -> bool:
-        """Look again; processor time counts, since one that has none, beside much other work, gives no sign either."""
+        """Return whether the child is stuck. Only processor time counts: on a busy machine a child may get none."""
         if self._child.pid is None:
             return False
         moment = time.monotonic()
         if self._heartbeats != self._child.heartbeats:
             self._heartbeats, self._since, self._used = self._child.heartbeats, moment, processor_time(self._child.pid)
             return False
-        # The system is asked only where it could be so.
+        # The cheap condition comes first: processor time is read from the system only if the child may be stuck.
         return moment - self._since > STUCK_SECONDS and processor_time(self._child.pid) - self._used > STUCK_SECONDS
 
 
 def _died(end: Exit | None, limits: Limits) -> ProblemError:
-    """What is said of a process that ended by itself."""
+    """Return the problem of a child that died."""
+    # The kernel kills with SIGKILL when memory runs out, and with SIGXCPU at the limit of processor time.
     if end is None or end.code == -signal.SIGKILL:
         detail = "The process that computed this died, most probably for want of memory; send less at a time."
         return ProblemError(503, detail, title="Process died")
@@ -151,18 +171,18 @@ def _describe_exit(code: int) -> str:
     return f"by {signal.Signals(-code).name}" if code < 0 else f"with code {code}"
 
 
-def _unreadable(what: str) -> ProblemError:
-    """Say what became of reading something; `what` goes on after "What was sent"."""
+def _unreadable(event: str) -> ProblemError:
+    """Return the problem of input that could not be read; `event` continues the sentence "What was sent"."""
     detail = (
-        f"What was sent {what}. If it is a file, it is most probably damaged: have it written anew, and send files one "
-        "by one to find which."
+        f"What was sent {event}. If it is a file, it is most probably damaged: have it written anew, and send files "
+        "one by one to find which."
     )
     return ProblemError(422, detail, title="Unreadable")
 
 
 @asynccontextmanager
 async def _while_client_waits(request: Request, over: threading.Event) -> AsyncIterator[None]:
-    """End the block, quietly, when the client has left; sets `over` for the threads in it."""
+    """End the block quietly when the client has left, and set `over` for the threads in it."""
 
     async def watch() -> None:
         while not await request.is_disconnected():
@@ -175,7 +195,7 @@ async def _while_client_waits(request: Request, over: threading.Event) -> AsyncI
         group.start_soon(watch)
         try:
             yield
-        except Exception as error:  # to be raised as it is, not as one of a group
+        except Exception as error:  # raised below, outside of the group
             failure = error
         group.cancel_scope.cancel()
     if failure is not None:

@@ -1,4 +1,4 @@
-"""What the client's methods take and give, from the contract: `requests.py`, `descriptions.py`, `answers.py` of it."""
+"""Generation of the client's types from the contract: `requests.py`, `descriptions.py` and the folder `answers`."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _REQUESTS = {
     "ReportRequest": ("identification_id", "diagnosis_id", "design_id", "validation_ids", "measurement_ids"),
     "ValidationRequest": ("identification_id", "kind", "measurement_ids"),
 }
-"""Bodies whose fields are keyword arguments, and those of them that the client's methods state themselves."""
+"""Bodies whose fields are keyword arguments of the client, each with the fields that its methods name themselves."""
 _DESCRIPTIONS = {
     "MeasurementMetadata": ("robot_id", "name"),
     "RevisionRequest-Input": (),
     "RobotRequest": ("name", "description"),
 }
-"""The same of what is said of robots and recordings."""
+"""The same for descriptions of robots and recordings."""
 _STATED = _REQUESTS | _DESCRIPTIONS
 _ANSWERS = {
     "comparisons": ("AutocorrelationView", "ComparisonResult", "ResidualMap", "Series", "Spectrum"),
@@ -53,11 +53,11 @@ _ANSWERS = {
     ),
     "validations": ("DriveGainsResult", "ValidationResult"),
 }
-"""What is answered, or stands in an answer, and the module of it: what jobs compute, what is read of it, resources."""
+"""Schemas of answers, and of parts of answers, by the module that holds them."""
 _SHARED = "parts"
-"""The module of what stands in answers of several modules."""
+"""Module of the schemas that answers of several modules contain."""
 _SPARSE = ("Problem", "ProblemField")
-"""Answers without the fields that there is nothing to say of; all others have every field."""
+"""Answers that leave out empty fields; all others have every field."""
 
 _HEAD = '''"""What requests take, by the contract: written by `python -m dynident_service.openapi`, not by hand."""
 
@@ -73,55 +73,61 @@ _WIDTH = 120
 
 
 class Components(TypedDict):
-    """Parts that a contract names: schemas by their names."""
+    """Named schemas of a contract."""
 
     schemas: Mapping[str, Mapping[str, Any]]
 
 
 class Contract(TypedDict):
-    """An OpenAPI document, as far as types are written from it."""
+    """OpenAPI document, as far as types are generated from it."""
 
     components: Components
 
 
 def client_types(contract: Contract) -> str:
-    """The text of the module about what is asked for."""
+    """Return the text of the module with the types of requests."""
     schemas = contract["components"]["schemas"]
     return _module(_with_parts(schemas, _REQUESTS), ())
 
 
 def description_types(contract: Contract) -> str:
-    """The text of the module about what is said of robots and recordings."""
+    """Return the text of the module with the types that describe robots and recordings."""
     schemas = contract["components"]["schemas"]
-    wanted, there = _with_parts(schemas, _DESCRIPTIONS), _with_parts(schemas, _REQUESTS)
-    return _module({name: one for name, one in wanted.items() if name not in there}, sorted(there.keys() & wanted))
+    schemas_by_name, there = _with_parts(schemas, _DESCRIPTIONS), _with_parts(schemas, _REQUESTS)
+    return _module(
+        {name: schema for name, schema in schemas_by_name.items() if name not in there},
+        sorted(there.keys() & schemas_by_name),
+    )
 
 
 def answer_types(contract: Contract) -> dict[str, str]:
-    """The texts of the modules about what is answered, by their files' names."""
+    """Return the texts of the modules with the types of answers, by file name."""
     schemas = contract["components"]["schemas"]
     reached = {module: _with_parts(schemas, names) for module, names in _ANSWERS.items()}
     homes: dict[str, str] = {}
+    # A schema that answers of two modules contain moves to a shared one, so that neither imports the other.
     for module, schemas_of_it in reached.items():
         for name in schemas_of_it:
             homes[name] = module if name not in homes else _SHARED
     free = {name for name in homes if "properties" not in schemas[name]}
-    by_module = {one: sorted(name for name in homes.keys() - free if homes[name] == one) for one in (*reached, _SHARED)}
-    found = {}
+    by_module = {
+        target: sorted(name for name in homes.keys() - free if homes[name] == target) for target in (*reached, _SHARED)
+    }
+    texts = {}
     for module, names in by_module.items():
         shared = {part for name in names for part in _named(schemas[name], ())} & set(by_module[_SHARED])
         more = [_import(_SHARED, sorted(shared))] if shared and module != _SHARED else []
         classes = [_class(name, schemas[name], total=name not in _SPARSE) for name in names]
         text = "\n\n".join(["\n".join([_HEAD.replace("What requests take", "What is answered"), *more]), *classes])
-        found[f"{module}.py"] = _answered(text, free)
-    imports = [_import(one, names) for one, names in sorted(by_module.items())]
+        texts[f"{module}.py"] = _answered(text, free)
+    imports = [_import(target, names) for target, names in sorted(by_module.items())]
     everything = ["__all__ = [", *(f'    "{name}",' for name in sorted(homes.keys() - free)), "]", ""]
     words = '"""What is answered, by the contract: written by `python -m dynident_service.openapi`, not by hand."""\n\n'
-    return {"__init__.py": words + "".join(imports) + "\n" + "\n".join(everything), **found}
+    return {"__init__.py": words + "".join(imports) + "\n" + "\n".join(everything), **texts}
 
 
 def _answered(text: str, free: Iterable[str]) -> str:
-    """The text of a module with answers: its containers are those of JSON, and what is `free` may be anything."""
+    """Adapt the text of a module to answers: containers are those of JSON, and names in `free` accept anything."""
     for name in free:
         text = text.replace(name, _ANYTHING)
     text = text.replace(_ABSTRACT, "").replace("Sequence[", "list[").replace("Mapping[", "dict[")
@@ -133,35 +139,39 @@ def _answered(text: str, free: Iterable[str]) -> str:
 def _import(module: str, names: Sequence[str]) -> str:
     names = sorted(names, key=str.casefold)
     lines = "".join(f"    {name},\n" for name in names)
-    one = f"from dynident_client.answers.{module} import {', '.join(names)}\n"
-    return one if len(one) <= _WIDTH + 1 else f"from dynident_client.answers.{module} import (\n{lines})\n"
+    line = f"from dynident_client.answers.{module} import {', '.join(names)}\n"
+    return line if len(line) <= _WIDTH + 1 else f"from dynident_client.answers.{module} import (\n{lines})\n"
 
 
 def _with_parts(schemas: Mapping[str, Any], requests: Iterable[str]) -> dict[str, Any]:
-    """The schemas of requests, and of all that they consist of."""
-    wanted = {name: schemas[name] for name in requests}
-    to_do = list(wanted)
+    """Return schemas by name, with all schemas that they refer to."""
+    collected = {name: schemas[name] for name in requests}
+    to_do = list(collected)
     while to_do:
         name = to_do.pop()
         for other in _named(schemas[name], _STATED.get(name, ())):
-            if other not in wanted:
-                wanted[other] = schemas[other]
+            if other not in collected:
+                collected[other] = schemas[other]
                 to_do.append(other)
-    return wanted
+    return collected
 
 
-def _module(wanted: Mapping[str, Any], imported: Sequence[str]) -> str:
-    classes = [_class(name, wanted[name]) for name in sorted(wanted)]
-    choices = [one for name in sorted(_STATED.keys() & wanted) for one in _choices(name, wanted[name])]
+def _module(schemas_by_name: Mapping[str, Any], imported: Sequence[str]) -> str:
+    classes = [_class(name, schemas_by_name[name]) for name in sorted(schemas_by_name)]
+    choices = [
+        line for name in sorted(_STATED.keys() & schemas_by_name) for line in _choices(name, schemas_by_name[name])
+    ]
     more = f"\nfrom dynident_client.requests import {', '.join(imported)}\n" if imported else ""
     head = f"{_HEAD}{more}" + "".join(["\n", *choices] if choices else [])
     text = "\n\n".join([head, *classes])
-    takes_anything = any(": Any" in one or "Any]" in one for one in classes)
+    takes_anything = any(": Any" in text_of_class or "Any]" in text_of_class for text_of_class in classes)
     return text if takes_anything else text.replace("import Any, Literal", "import Literal")
 
 
 def _named(schema: Mapping[str, Any], but: tuple[str, ...]) -> Iterator[str]:
-    text = json.dumps({name: one for name, one in schema.get("properties", {}).items() if name not in but})
+    text = json.dumps(
+        {name: schema_of_field for name, schema_of_field in schema.get("properties", {}).items() if name not in but}
+    )
     for part in text.split('"#/components/schemas/')[1:]:
         yield part.partition('"')[0]
 
@@ -169,7 +179,7 @@ def _named(schema: Mapping[str, Any], but: tuple[str, ...]) -> Iterator[str]:
 def _class(name: str, schema: Mapping[str, Any], *, total: bool = False) -> str:
     but = _STATED.get(name, ())
     called = f"{_stem(name)}Options" if name in _STATED else name
-    # What is a word of the language cannot be a field of a class.
+    # A keyword of Python cannot be a field of a class; the functional form of TypedDict accepts it.
     words = {field: _hint(about) for field, about in schema["properties"].items() if iskeyword(field)}
     above = f"_{called}" if words else "TypedDict"
     fields = ", ".join(f'"{field}": {hint}' for field, hint in words.items())
@@ -184,12 +194,12 @@ def _class(name: str, schema: Mapping[str, Any], *, total: bool = False) -> str:
 
 
 def _stem(name: str) -> str:
-    """What a body asks for."""
+    """Return the name of a body without its suffix."""
     return re.sub("(Request|Metadata)(-Input)?$", "", name)
 
 
 def _choices(name: str, schema: Mapping[str, Any]) -> Iterator[str]:
-    """The fields that the methods state themselves and that are one of several, as a type each."""
+    """Yield a type for each field with fixed choices that the methods name themselves."""
     for field in _STATED[name]:
         if "enum" in (about := schema["properties"][field]):
             yield from (f"{line}\n" for line in _lines(f"{_stem(name)}{field.title()} =", _hint(about)))
@@ -203,14 +213,14 @@ def _field(name: str, about: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _lines(head: str, hint: str) -> Iterator[str]:
-    """A type behind what it is of, in as many lines as it takes."""
+    """Yield a type annotation, split over several lines if it is too long."""
     if len(head) + len(hint) + 1 <= _WIDTH:
         yield f"{head} {hint}"
         return
     margin = head[: len(head) - len(head.lstrip())]
     names = hint.removeprefix("Literal[").replace("] | None", ", None").removesuffix("]")
     yield f"{head} Literal["
-    yield from (f"{margin}    {one}," for one in names.split(", "))
+    yield from (f"{margin}    {name}," for name in names.split(", "))
     yield f"{margin}]"
 
 
@@ -218,11 +228,11 @@ def _hint(about: Mapping[str, Any]) -> str:
     if "$ref" in about:
         return str(about["$ref"]).rpartition("/")[2]
     if "anyOf" in about:
-        return " | ".join(dict.fromkeys(_hint(one) for one in about["anyOf"]))
+        return " | ".join(dict.fromkeys(_hint(member) for member in about["anyOf"]))
     if "enum" in about or "const" in about:
-        return f"Literal[{', '.join(json.dumps(one) for one in about.get('enum', [about.get('const')]))}]"
+        return f"Literal[{', '.join(json.dumps(value) for value in about.get('enum', [about.get('const')]))}]"
     if "prefixItems" in about:
-        return f"tuple[{', '.join(_hint(one) for one in about['prefixItems'])}]"
+        return f"tuple[{', '.join(_hint(member) for member in about['prefixItems'])}]"
     if about.get("type") == "array":
         return f"Sequence[{_hint(about.get('items', {}))}]"
     if about.get("type") == "object":

@@ -1,4 +1,4 @@
-"""The program `dynident`: the whole story on files, without a server."""
+"""The program `dynident`: all steps on files, without a server."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from dynident.version import __version__
 from dynident_service.environment import hide_secrets
 
 _YOUNG = 20_000
-"""Objects between collections of garbage, some megabytes of them. By Python's 700 collections take 0.2 s while the
-packages load, and find nothing."""
+"""Objects between garbage collections, some megabytes. With Python's 700, collections take 0.2 s while packages are
+imported, and find nothing.
+"""
 
 
 def main() -> None:
     """Run the command line."""
     if sys.argv[1:] == ["--version"]:
-        # Told by the light installation too, which has no packages for anything else.
+        # Handled before any import, as the light installation lacks the packages of the command line.
         print(f"dynident {__version__}")
         return
     if sys.argv[1:2] == ["serve"]:
-        hide_secrets()  # before anything is loaded, which would be loaded twice
+        hide_secrets()  # first of all, as it starts the program again
     gc.set_threshold(_YOUNG)
     try:
         from dynident_service.cli.app import program

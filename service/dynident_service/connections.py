@@ -1,4 +1,4 @@
-"""Connections: how many there may be, and how long one may stay open without a request, or without taking an answer."""
+"""Limits for connections: how many there may be, and how long one may stay open without sending or reading."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from dynident_service.problems import MEDIA_TYPE, make_problem
 from dynident_service.settings import Settings
 
 UNREAD_LIMIT = "TCP_USER_TIMEOUT"
+"""Name of the socket option; only Linux has it."""
 
 
 def protocol_with(settings: Settings) -> type[asyncio.Protocol]:
-    """Give the protocol that keeps connections within the settings; they are shared by address."""
+    """Return the HTTP protocol that enforces the limits of the settings; connections are shared by address."""
     places = SharedPlaces(settings.max_connections)
 
     class Bounded(H11Protocol):
@@ -72,9 +73,9 @@ def protocol_with(settings: Settings) -> type[asyncio.Protocol]:
 
 
 def _limit_unread(transport: asyncio.Transport, seconds: float) -> None:
-    """Have the kernel end a connection whose other end takes nothing of what is sent for so long.
+    """Have the kernel close a connection whose client reads nothing for so long.
 
-    Where the kernel has no such option (it is Linux's), who takes nothing only holds places of its own share.
+    Systems other than Linux lack this option. A client that reads nothing then occupies places of its own share only.
     """
     opened: socket.socket | None = transport.get_extra_info("socket")
     if opened is not None and opened.family in (socket.AF_INET, socket.AF_INET6) and hasattr(socket, UNREAD_LIMIT):
@@ -82,7 +83,7 @@ def _limit_unread(transport: asyncio.Transport, seconds: float) -> None:
 
 
 def _refusal(most: int) -> bytes:
-    """The whole answer to a connection that is one too many."""
+    """Return the complete answer for a connection that is one too many."""
     detail = (
         f"Too many connections are open, of {most} (DYNIDENT_MAX_CONNECTIONS), or of your share of them; "
         "try again in a moment."

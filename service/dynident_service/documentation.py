@@ -1,4 +1,4 @@
-"""The page `/docs`: the contract as one page of its own, without scripts and without anything from elsewhere."""
+"""The page `/docs`: the contract on one page, without scripts and without external resources."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-a
 
 
 def mount(app: FastAPI) -> None:
-    """Serve the page; it is no part of the contract."""
+    """Serve the page, which is no part of the contract."""
     pages: list[str] = []  # made when first asked for: the contract does not change while the service runs
 
     @app.get("/docs", include_in_schema=False)
@@ -37,7 +37,17 @@ def page(
     paths: Mapping[str, Mapping[str, Mapping[str, object]]],
     schemas: Mapping[str, Mapping[str, object]],
 ) -> str:
-    """Write out an OpenAPI document: what it is, its operations by path and verb, and its schemas by name."""
+    """Render an OpenAPI document as HTML.
+
+    Parameters
+    ----------
+    info : mapping
+        Title, version and description.
+    paths : mapping
+        Operations by path and verb.
+    schemas : mapping
+        Schemas by name.
+    """
     title = f"{escape(info['title'])} {escape(info['version'])}"
     body = [
         f"<h1>{title}</h1><p>{escape(info['description'])}</p>",
@@ -63,10 +73,14 @@ def _operations(paths: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _operation(path: str, verb: str, operation: Mapping[str, Any]) -> str:
-    said = escape(operation.get("description") or operation.get("summary", ""))
+    description = escape(operation.get("description") or operation.get("summary", ""))
     rows = [
-        (f"<code>{escape(one['name'])}</code> in {one['in']}", _type(one["schema"]), one.get("description", ""))
-        for one in operation.get("parameters", ())
+        (
+            f"<code>{escape(parameter['name'])}</code> in {parameter['in']}",
+            _type(parameter["schema"]),
+            parameter.get("description", ""),
+        )
+        for parameter in operation.get("parameters", ())
     ]
     for kind, content in operation.get("requestBody", {}).get("content", {}).items():
         rows.append((f"body, {escape(kind)}", _type(content.get("schema", {})), ""))
@@ -74,7 +88,7 @@ def _operation(path: str, verb: str, operation: Mapping[str, Any]) -> str:
         for kind, content in answer.get("content", {}).items():
             rows.append((f"answer {escape(status)}, {escape(kind)}", _type(content.get("schema", {})), ""))
     head = f"<span class='verb'>{verb.upper()}</span><span class='path'>{escape(path)}</span>"
-    return f"<details><summary>{head}</summary><p>{said}</p>{_table(rows)}</details>"
+    return f"<details><summary>{head}</summary><p>{description}</p>{_table(rows)}</details>"
 
 
 def _schema(name: str, schema: Mapping[str, Any]) -> str:
@@ -82,32 +96,34 @@ def _schema(name: str, schema: Mapping[str, Any]) -> str:
     rows = [
         (
             f"<code>{escape(field)}</code>{'' if field in required else ' (optional)'}",
-            _type(one),
-            one.get("description", ""),
+            _type(about),
+            about.get("description", ""),
         )
-        for field, one in schema.get("properties", {}).items()
+        for field, about in schema.get("properties", {}).items()
     ]
-    said = escape(schema.get("description", ""))
+    description = escape(schema.get("description", ""))
     named = escape(name)
-    return f"<details id='{named}' open><summary><b>{named}</b></summary><p>{said}</p>{_table(rows)}</details>"
+    return f"<details id='{named}' open><summary><b>{named}</b></summary><p>{description}</p>{_table(rows)}</details>"
 
 
 def _table(rows: list[tuple[str, str, str]]) -> str:
-    """Rows of a name and a type, both HTML, and a plain text."""
-    cells = "".join(f"<tr><td>{name}</td><td>{kind}</td><td>{escape(said)}</td></tr>" for name, kind, said in rows)
+    """Render rows of a name and a type, both HTML, and a plain text."""
+    cells = "".join(
+        f"<tr><td>{name}</td><td>{kind}</td><td>{escape(description)}</td></tr>" for name, kind, description in rows
+    )
     return f"<table>{cells}</table>"
 
 
 def _type(schema: Mapping[str, Any]) -> str:
-    """The type of a value in a few words, as HTML."""
+    """Render the type of a value in a few words."""
     if "$ref" in schema:
         name = escape(schema["$ref"].rpartition("/")[2])
         return f"<a href='#{name}'>{name}</a>"
     for choice in ("anyOf", "oneOf", "allOf"):
         if choice in schema:
-            return " or ".join(_type(one) for one in schema[choice])
+            return " or ".join(_type(member) for member in schema[choice])
     if "enum" in schema:
-        return " or ".join(f"<code>{escape(str(one))}</code>" for one in schema["enum"])
+        return " or ".join(f"<code>{escape(str(value))}</code>" for value in schema["enum"])
     if "const" in schema:
         return f"<code>{escape(str(schema['const']))}</code>"
     if schema.get("type") == "array":

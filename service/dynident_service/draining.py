@@ -1,4 +1,4 @@
-"""How the service ends when it is told to: first no new job, then no new request."""
+"""The end of the service: first it takes no new jobs, then no new requests."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from anyio import CapacityLimiter, to_thread
 from dynident_service.jobs.engine import Engine
 
 LONGEST_END = 15.0
-"""Seconds from the last job to the end of the process. What takes longer hangs, as a request whose database does not
-answer; with the 10 s that jobs have, it ends within the 30 s that Kubernetes gives."""
+"""Seconds from the last job to the end of the process; what takes longer hangs, such as a request whose database does
+not answer. With the 10 s that jobs have, the process ends within the 30 s that Kubernetes grants.
+"""
 log = logging.getLogger("dynident.service")
 
 
 class DrainingServer(uvicorn.Server):
-    """On SIGTERM lets jobs end for some seconds, while requests are still answered; then gives back what is left.
+    """Server that on SIGTERM lets jobs run for some seconds while it still answers requests, and then gives them back.
 
-    A second signal, or Ctrl-C, ends it at once: all jobs are given back. Where something hangs, the process is ended
-    all the same after `LONGEST_END`.
+    A second signal, or Ctrl-C, ends it at once, and all jobs are given back. If something hangs, the process is ended
+    after `LONGEST_END`.
     """
 
     def __init__(self, config: uvicorn.Config, engine: Callable[[], Engine], seconds: float) -> None:
@@ -36,7 +37,7 @@ class DrainingServer(uvicorn.Server):
         self._last_resort: threading.Timer | None = None
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Take a signal; what follows is done by the next tick, as nothing may wait in here."""
+        """Note a signal; a handler must not wait, so the next tick acts on it."""
         if self._last_resort is None:
             until = LONGEST_END + (self._seconds if sig == signal.SIGTERM else 0.0)
             self._last_resort = threading.Timer(until, _end_at_once)
@@ -48,7 +49,7 @@ class DrainingServer(uvicorn.Server):
             self._until = time.monotonic() + self._seconds
 
     async def on_tick(self, counter: int) -> bool:
-        """Ten times a second: tell whether it is time to end."""
+        """Return whether it is time to end; uvicorn calls this ten times a second."""
         if await super().on_tick(counter):
             return True
         if self._until is None:
@@ -64,7 +65,7 @@ class DrainingServer(uvicorn.Server):
 
 
 def _end_at_once() -> None:
-    """End the process as a kill would, which loses nothing: jobs are taken again when their lease has run out."""
+    """End the process at once. Nothing is lost: its jobs are queued again when their leases have expired."""
     log.error("the service does not end by itself: a request or the database hangs; it is ended now")
     logging.shutdown()
     os._exit(1)

@@ -1,8 +1,8 @@
-"""Secrets of the environment: no process shows them to who can read files, and children of strangers' files lack ours.
+"""Protection of secrets in the environment.
 
-The system shows the environment that a process was started with, for as long as it lives (/proc/PID/environ on Linux):
-whatever can be made to read a file, reads that. So the service starts itself once more without its secrets, and gets
-them by a file that has no name. The process that children are forked from gets those that it needs in the same way.
+The system shows the environment with which a process was started as long as it lives (/proc/PID/environ on Linux), so
+whatever can be made to read a file can read it. The service therefore restarts itself without its secrets and receives
+them through an anonymous file. The process that forks children gets those that it needs in the same way.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from contextlib import contextmanager
 from tempfile import TemporaryFile
 
 HANDED_OVER = "DYNIDENT_SECRETS_FD"
-"""The number of the open file that the secrets are in."""
+"""Variable with the descriptor of the file that holds the secrets."""
 KEYS = "DYNIDENT_API_KEYS"
 OUR_OWN = frozenset({KEYS, "DYNIDENT_DATABASE_URL", "DYNIDENT_OBJECT_STORE_URL"})
-"""Children have no use for these: a job is told where its data is."""
+"""Secrets that children do not need: a job is told where its data is."""
 _SECRET = re.compile(
     r"(AWS|AZURE|GOOGLE|PG|POSTGRES|OTEL_EXPORTER)\w*|\w*(KEY|SECRET|TOKEN|PASSWORD|PASSWD|CREDENTIAL)\w*", re.I
 )
-"""Names of variables that hold secrets, or may: those of stores and databases, and those of anybody else."""
+"""Names of variables that hold secrets, or may: those of stores and databases, and common ones."""
 _PASSWORD_IN_ADDRESS = re.compile(r"://[^/\s@]*:[^/\s@]*@")
 
 
 def is_secret(name: str, value: str = "") -> bool:
-    """Tell whether a variable may hold a secret, by its name or as an address with a password in it."""
+    """Return whether a variable may hold a secret, by its name or because its value is an address with a password."""
     return name in OUR_OWN or bool(_SECRET.fullmatch(name) or _PASSWORD_IN_ADDRESS.search(value))
 
 
 def hide_secrets() -> None:
-    """Start this program once more without secrets in its environment; call it before anything else is done.
+    """Restart this program without secrets in its environment; call it before anything else.
 
-    Where there are none, or no such files (elsewhere than on Linux), nothing is done. The second time the secrets are
-    put back into `os.environ`, which no other process sees.
+    Without secrets, or without anonymous files (on other systems than Linux), it does nothing. In the restarted process
+    it puts the secrets back into `os.environ`, which no other process sees.
     """
     handle = os.environ.pop(HANDED_OVER, None)
     if handle is not None:
@@ -49,24 +49,25 @@ def hide_secrets() -> None:
     _write(file, secrets)
     os.set_inheritable(file, True)
     public = {name: value for name, value in os.environ.items() if name not in secrets}
+    # execve drops what Python has buffered.
     sys.stdout.flush()
     sys.stderr.flush()
     os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**public, HANDED_OVER: str(file)})
 
 
 def forget_keys() -> None:
-    """Forget the keys that the service accepts, once the settings hold their hashes."""
+    """Remove the accepted API keys from the environment, once the settings hold their hashes."""
     os.environ.pop(KEYS, None)
 
 
 def environment_for_children() -> dict[str, str]:
-    """Give the environment of a child process: this one's without secrets."""
+    """Return the environment of a child process, which is this one's without secrets."""
     return {name: value for name, value in os.environ.items() if not is_secret(name, value)}
 
 
 @contextmanager
 def secrets_for_children() -> Iterator[int]:
-    """Open a file with the secrets that children need, as their standard input: those of stores and databases."""
+    """Open a file with the secrets of stores and databases, to be the standard input of a child process."""
     needed = {name: value for name, value in os.environ.items() if is_secret(name, value) and name not in OUR_OWN}
     with open(os.memfd_create("secrets"), "r+b") if hasattr(os, "memfd_create") else TemporaryFile() as file:
         _write(file.fileno(), needed)
@@ -74,7 +75,7 @@ def secrets_for_children() -> Iterator[int]:
 
 
 def take_secrets() -> None:
-    """Take the secrets from the standard input of a child process, which is closed then."""
+    """Read the secrets of a child process from its standard input, and close that."""
     os.environ.update(_read(os.dup(0)))
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
@@ -82,7 +83,7 @@ def take_secrets() -> None:
 
 
 def forget_secrets() -> None:
-    """Remove all secrets from this process's environment."""
+    """Remove all secrets from the environment of this process."""
     for name, value in list(os.environ.items()):
         if is_secret(name, value):
             del os.environ[name]

@@ -1,6 +1,6 @@
-"""Places that several parties share: nobody can take all of them, and nobody waits behind all that another one sent.
+"""Fair sharing of places: no party can take all of them, and none waits behind everything that another one sent.
 
-A party is a key, by its name; where no key is asked for, the address that a request comes from.
+A party is an API key, by its name; without keys it is the address that a request comes from.
 """
 
 from __future__ import annotations
@@ -15,20 +15,21 @@ import anyio
 from starlette.types import Scope
 
 TIMES_THE_REST = 3
-"""A party that has places may take another while it has fewer than so many times those that would stay free: alone it
-gets three quarters at most, of two that come in turn each gets three sevenths, and so on. What one leaves is there for
-others who have less."""
+"""A party may take a further place while it has fewer than this many times the places that would remain free. Alone it
+gets at most three quarters, of two that arrive in turn each gets three sevenths, and so on. The places that it leaves
+are for parties that have fewer.
+"""
 PREFIX = 64
-"""Leading bits of an IPv6 address that stand for one subscriber, who has all the addresses that begin so."""
+"""Leading bits of an IPv6 address that identify a subscriber, who owns all addresses with that prefix."""
 
 
 def party_of_key(name: str) -> str:
-    """Name the party that has a key."""
+    """Return the name of the party with a key."""
     return f"key {name}"
 
 
 def party_of_address(scope: Scope) -> str:
-    """Name the party that a request comes from where no key says who sent it."""
+    """Return the name of the party that a request without a known key comes from."""
     client = scope.get("client")
     return f"address {_subscriber(client[0]) if client else ''}"
 
@@ -38,33 +39,34 @@ def _subscriber(host: str) -> str:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:  # no address, as of a socket in the file system
         return host
+    # An IPv4 address stands for one subscriber; an IPv6 subscriber could use a new address for each request.
     if isinstance(address, ipaddress.IPv4Address) or address.ipv4_mapped:
         return host
     return str(ipaddress.ip_network((address.packed, PREFIX), strict=False))
 
 
 def is_share_left(held: int, free: int) -> bool:
-    """Tell whether a party that holds so many places may take one of the free ones."""
+    """Return whether a party that holds `held` places may take one of `free` ones."""
     return free > 0 and (held == 0 or held < TIMES_THE_REST * (free - 1))
 
 
 class SharedPlaces:
-    """Counts who holds how many of some places."""
+    """Count of places by the party that holds them."""
 
     def __init__(self, total: int) -> None:
         self.total = total
         self.held: Counter[str] = Counter()
 
     def may_take(self, party: str) -> bool:
-        """Tell whether a party may take a place."""
+        """Return whether a party may take a place."""
         return is_share_left(self.held[party], self.total - self.held.total())
 
     def take(self, party: str) -> None:
-        """Take a place for a party, which it is the caller's to ask for before."""
+        """Take a place for a party; the caller has asked `may_take` before."""
         self.held[party] += 1
 
     def give_back(self, party: str) -> None:
-        """Give a place back."""
+        """Release a place of a party."""
         self.held[party] -= 1
         if not self.held[party]:
             del self.held[party]
@@ -72,7 +74,7 @@ class SharedPlaces:
 
 @dataclass(eq=False)
 class Ticket:
-    """One who waits in a queue, or whose turn it is."""
+    """Place in a queue; `turn` is set when it has been admitted."""
 
     party: str
     is_long: bool = False
@@ -80,7 +82,7 @@ class Ticket:
 
 
 class FairQueue:
-    """Lets a few go on at a time; the next is the oldest of the party of whom the fewest go on."""
+    """Queue that admits a few at a time; the next is the oldest of the party with the fewest admitted ones."""
 
     def __init__(self, size: int) -> None:
         self.size = size
@@ -88,7 +90,7 @@ class FairQueue:
         self._waiting: list[Ticket] = []
 
     async def wait(self, ticket: Ticket) -> None:
-        """Wait until it is a ticket's turn; `leave` ends that."""
+        """Wait until a ticket is admitted; `leave` gives the place back."""
         self._waiting.append(ticket)
         self._go_on()
         try:
@@ -98,13 +100,13 @@ class FairQueue:
             raise
 
     def leave(self, ticket: Ticket) -> None:
-        """Let the next one go on, or wait no longer."""
+        """Give back the place of a ticket, or stop waiting, and admit the next one."""
         (self.under_way if ticket.turn.is_set() else self._waiting).remove(ticket)
         self._go_on()
 
     @asynccontextmanager
     async def turn_of(self, ticket: Ticket) -> AsyncIterator[None]:
-        """Enter when it is a ticket's turn, which ends with the block."""
+        """Wait until a ticket is admitted, and give its place back at the end of the block."""
         await self.wait(ticket)
         try:
             yield
@@ -112,14 +114,16 @@ class FairQueue:
             self.leave(ticket)
 
     def may_go_on(self, ticket: Ticket) -> bool:
-        """Tell whether the turn may be a ticket's while a place is free."""
+        """Return whether a ticket may be admitted while a place is free."""
         return True
 
     def _go_on(self) -> None:
         while len(self.under_way) < self.size:
             held = Counter(ticket.party for ticket in self.under_way)
-            # Of those with the same number `min` gives the first, who came first.
-            following = min(filter(self.may_go_on, self._waiting), key=lambda one: held[one.party], default=None)
+            # Among equal numbers `min` returns the first one, which has waited longest.
+            following = min(
+                filter(self.may_go_on, self._waiting), key=lambda candidate: held[candidate.party], default=None
+            )
             if following is None:
                 return
             self._waiting.remove(following)
@@ -128,15 +132,15 @@ class FairQueue:
 
 
 class SharedQueue(FairQueue):
-    """A queue for what may take long: of long ones a party cannot have all places, and one place is kept for the short.
+    """Queue for long and short computations: a party never gets all places for long ones, and one is kept for short.
 
-    With a single place there is none to keep.
+    A single place cannot be reserved.
     """
 
     def may_go_on(self, ticket: Ticket) -> bool:
-        """Tell whether a party may take another place with what is as long."""
-        alike = [one for one in self.under_way if one.is_long == ticket.is_long]
+        """Return whether the party of a ticket may have another place for a computation of its length."""
+        alike = [other for other in self.under_way if other.is_long == ticket.is_long]
         free = self.size - len(self.under_way)
         if ticket.is_long:
             free = min(free, max(1, self.size - 1) - len(alike))
-        return is_share_left(sum(one.party == ticket.party for one in alike), free)
+        return is_share_left(sum(other.party == ticket.party for other in alike), free)

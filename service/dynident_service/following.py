@@ -1,4 +1,4 @@
-"""Tells those who follow jobs when there is news, by one look at the database for all of them."""
+"""Notification of those who follow jobs, by one query of the database for all of them."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ from dynident_service.storage.ledger import Ledger
 from dynident_service.storage.patience import AWAY
 
 SOONEST, LATEST = 0.01, 0.1
-"""Seconds from one look for news to the next, however many follow: at once where the engine says that there is some,
-else what others write (how far a job is, what another service does) is looked for."""
+"""Shortest and longest time in seconds between queries, however many follow: the short one if the engine reports news,
+the long one for what other processes write, such as progress.
+"""
 ALL = 0.5
-"""Seconds from one look at all that are followed to the next. In between it is looked for new events alone, by their
-ids: of two services that write at once one may store the smaller id last, and SQLite gives the id of a deleted last
-event again."""
+"""Seconds between queries for all followed jobs. In between only events with new ids are looked for. These may miss
+some: of two services that write at once, one may commit the smaller id later, and SQLite reuses the id of a deleted
+last event.
+"""
 log = logging.getLogger("dynident.service")
 
 
@@ -32,13 +34,13 @@ class _Follower:
 
 
 class Following:
-    """Looks for news as long as anybody waits for some."""
+    """Watches for new events of jobs while anybody waits for some."""
 
     def __init__(self, ledger: Ledger) -> None:
         self._ledger = ledger
         self._followers: set[_Follower] = set()
         self._unseen: set[str] = set()
-        """Jobs whose followers came after the last look: what happened before is told to them, too."""
+        """Jobs with followers that came after the last query; earlier events are reported to them too."""
         self._seen = 0
         self._looked_at_all = 0.0
         self._task: asyncio.Task[None] | None = None
@@ -46,13 +48,13 @@ class Following:
         self._told = asyncio.Event()
 
     def nudge(self) -> None:
-        """Say, in whatever thread, that a job has news."""
+        """Report from any thread that a job has news."""
         loop = self._loop
         if loop is not None and self._followers and not loop.is_closed():
             loop.call_soon_threadsafe(self._told.set)
 
     async def until_news(self, job_id: str, last: int) -> None:
-        """Wait until a job has events after one, or is there no more."""
+        """Wait until a job has events after `last`, or no longer exists."""
         follower = _Follower(job_id, last)
         self._followers.add(follower)
         self._unseen.add(job_id)
@@ -69,26 +71,30 @@ class Following:
         try:
             thread = anyio.CapacityLimiter(1)
             while self._followers:
+                # Many reports that come at once are answered by one query.
                 await asyncio.sleep(SOONEST)
                 if not self._unseen:
                     await self._until_told(LATEST - SOONEST)
-                followed, moment = {one.job_id for one in self._followers}, time.monotonic()
+                followed, moment = {follower.job_id for follower in self._followers}, time.monotonic()
                 is_due = moment - self._looked_at_all >= ALL
-                asked: Collection[str] = followed if is_due else self._unseen & followed
+                job_ids: Collection[str] = followed if is_due else self._unseen & followed
                 self._unseen = set()
                 self._told.clear()
                 try:
-                    newest, self._seen = await to_thread.run_sync(self._ledger.news, self._seen, asked, limiter=thread)
+                    newest, self._seen = await to_thread.run_sync(
+                        self._ledger.news, self._seen, job_ids, limiter=thread
+                    )
                 except AWAY:
                     log.warning("the database is away; those who follow jobs wait")
-                    self._unseen |= set(asked)
+                    self._unseen |= set(job_ids)
                     continue
                 if is_due:
                     self._looked_at_all = moment
-                for one in tuple(self._followers):
-                    gone = one.last + 1 if one.job_id in asked else 0
-                    if newest.get(one.job_id, gone) > one.last:
-                        one.news.set()
+                for follower in tuple(self._followers):
+                    # A job without any event was deleted; its followers are woken as well.
+                    gone = follower.last + 1 if follower.job_id in job_ids else 0
+                    if newest.get(follower.job_id, gone) > follower.last:
+                        follower.news.set()
         finally:
             self._task = None
 

@@ -1,4 +1,4 @@
-"""Headers that every answer carries: browsers take it for what it says it is, and run nothing in it."""
+"""Security headers of every answer: browsers take an answer for its declared type and run nothing in it."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ SAFE = {
 
 
 class SafeHeaders:
-    """Adds the headers where an answer does not have its own."""
+    """Middleware that adds the headers to an answer that does not have its own."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, and add to its answer."""
+        """Pass a request on, and add the headers to its answer."""
         if scope["type"] != "http":
             return await self._app(scope, receive, send)
 

@@ -1,4 +1,4 @@
-"""Types of the fields of requests, one at a time."""
+"""Type hints of single fields of request dataclasses."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import Field
 from typing import get_type_hints
 
 
-def hint_of(science: type, one: Field[object]) -> object:
-    """The type of one field; those of other fields may need what is not loaded."""
-    # An inherited field is in the words of the module that states it.
-    stated_by = next(base for base in science.__mro__ if one.name in vars(base).get("__annotations__", {}))
-    alone = type("Alone", (), {"__annotations__": {one.name: one.type}, "__module__": stated_by.__module__})
-    return get_type_hints(alone, vars(sys.modules[stated_by.__module__]))[one.name]
+def hint_of(science: type, field: Field[object]) -> object:
+    """Return the type of one field. Hints of other fields may need modules that are not loaded, and are left alone."""
+    # The names in the hint of an inherited field are those of the module that defines the base class.
+    stated_by = next(base for base in science.__mro__ if field.name in vars(base).get("__annotations__", {}))
+    alone = type("Alone", (), {"__annotations__": {field.name: field.type}, "__module__": stated_by.__module__})
+    return get_type_hints(alone, vars(sys.modules[stated_by.__module__]))[field.name]

@@ -1,4 +1,4 @@
-"""What has to be looked after from time to time, beside the requests and the jobs."""
+"""Periodic maintenance of the stored data."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from dynident_service.storage.retention import KEPT, forget, forget_imports
 from dynident_service.storage.tombstones import sweep
 
 EVERY = 60.0
-"""Seconds from one round to the next."""
+"""Seconds between rounds."""
 ABANDONED = 24 * 3600.0
-"""An upload that has not moved for so many seconds is over."""
+"""Seconds without a change after which an upload counts as abandoned."""
 EXAMINED_EVERY = 600.0
-"""Seconds from one look through all that is stored to the next."""
+"""Seconds between checks of all stored data."""
 log = logging.getLogger("dynident.housekeeping")
 
 
 class Housekeeping:
-    """Runs in a thread of its own from `start` to `close`; every process of a service may have one."""
+    """Maintenance thread, from `start` to `close`; every process of a service may have one."""
 
     def __init__(
         self, settings: Settings, database: Database, objects: ObjectStore, abandoned_before: float = 0.0
@@ -38,29 +38,30 @@ class Housekeeping:
         self._objects = objects
         self._stop = threading.Event()
         self._abandoned_before = abandoned_before
-        """Files that were being written before this time were left behind: no other service used the directory then."""
+        """Unfinished files that are older than this time are abandoned: no other service used the directory then."""
         self._examined: float | None = None
         self.condition = "ok"
-        """What was found when all that is stored was last looked through, in a few words."""
+        """Result of the last check of all stored data, in a few words."""
         self._thread = threading.Thread(target=self._run, name="dynident-housekeeping", daemon=True)
 
     def start(self) -> None:
-        """Start in the background."""
+        """Start the thread."""
         self._thread.start()
 
     def close(self, timeout: float = 10.0) -> None:
-        """Stop, after the round that is under way."""
+        """Stop after the current round."""
         self._stop.set()
         self._thread.join(timeout)
 
     def round(self) -> None:
-        """Do once all that is due."""
+        """Do one round of all that is due."""
         sweep_folder(self._settings.uploads_dir, max(time.time() - ABANDONED, self._abandoned_before))
-        # Those of processes that run may be of any age.
+        # Temporary files of running processes may be of any age, so only those from before this service are removed.
         sweep_folder(self._settings.processes_dir, self._abandoned_before)
         if self._abandoned_before and self._examined is None:
             self._remove_what_was_being_written()
         forget_imports(self._database, timedelta(seconds=KEPT))
+        # Swept only after a grace period, since an upload may be about to own a file that looks abandoned.
         swept = sweep(self._database, self._objects, timedelta(seconds=self._settings.deleted_kept_seconds))
         if swept:
             log.info("%d files that nobody owned were deleted", swept)
@@ -69,17 +70,17 @@ class Housekeeping:
             self.examine()
 
     def examine(self) -> None:
-        """Look through all that is stored, without reading what files hold."""
-        found = Counter(one.trouble for one in examine(self._database, self._objects, by_hash=False))
-        wrong = {trouble: number for trouble, number in found.items() if trouble not in CURABLE}
-        told = ", ".join(f"{trouble}: {number}" for trouble, number in sorted(wrong.items()))
-        self.condition = f"damaged ({told}); `dynident doctor` says more" if wrong else "ok"
+        """Check all stored data, without reading the contents of files."""
+        counts = Counter(defect.trouble for defect in examine(self._database, self._objects, by_hash=False))
+        wrong = {trouble: number for trouble, number in counts.items() if trouble not in CURABLE}
+        listed = ", ".join(f"{trouble}: {number}" for trouble, number in sorted(wrong.items()))
+        self.condition = f"damaged ({listed}); `dynident doctor` says more" if wrong else "ok"
         if wrong:
             log.error("what is stored is %s", self.condition)
         self._examined = time.monotonic()
 
     def _remove_what_was_being_written(self) -> None:
-        """Remove what a service that was killed had begun to write into the object store and the cache."""
+        """Remove unfinished files of a killed service from the object store and the cache."""
         for path in (*self._objects.leftovers(), *self._settings.cache_dir.glob("tmp*")):
             with suppress(FileNotFoundError):
                 if path.stat().st_mtime < self._abandoned_before:
@@ -96,12 +97,12 @@ class Housekeeping:
 
 
 def sweep_folder(folder: Path, before: float) -> None:
-    """Remove what has not changed since a time: what was cut off by the end of the service."""
-    for left in folder.glob("*"):
+    """Remove everything from a folder that has not changed since `before`."""
+    for path in folder.glob("*"):
         with suppress(FileNotFoundError):
-            if left.stat().st_mtime >= before:
+            if path.stat().st_mtime >= before:
                 continue
-            if left.is_dir():
-                shutil.rmtree(left, ignore_errors=True)
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
             else:
-                left.unlink()
+                path.unlink()

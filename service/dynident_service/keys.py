@@ -1,4 +1,4 @@
-"""API keys: 256 random bits, of which only the SHA-256 is kept; what each allows, to whom, and until when."""
+"""API keys: 256 random bits, of which only the SHA-256 is stored; with scope, owner and expiry."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from dynident_service.storage.tables import KeyRow, now
 
 Scope = Literal["read", "submit", "admin"]
 SCOPES: tuple[Scope, ...] = ("read", "submit", "admin")
-"""Each allows what those before it allow: to look, to send and change, to delete."""
+"""Scopes in ascending order: read, send and change, delete. Each includes those before it."""
 STORES_NOTHING = re.compile("/v1/robots/[^/]+/poses/?")
-"""Paths to which a POST only asks: its question is too long for an address, and nothing is kept of it."""
+"""Paths to which a POST only asks a question that is too long for a URL; nothing is stored."""
 NOTED_EVERY = 60.0
-"""Seconds after which the use of a key is noted again."""
+"""Seconds between records of a key's last use."""
 
 
 @dataclass(frozen=True)
 class Holder:
-    """Who uses a key, and what it allows."""
+    """Holder of a key, and what the key allows."""
 
     name: str
     scope: Scope = "admin"
@@ -38,20 +38,20 @@ class Holder:
     expires_at: datetime | None = None
     last_used_at: datetime | None = None
     limits: Limits = UNLIMITED
-    """Its own, which go before those of the settings."""
+    """Limits of the key, which take precedence over those of the settings."""
 
     def may(self, method: str, path: str) -> bool:
-        """Tell whether the key allows requests of a method to a path."""
+        """Return whether the key allows a method on a path."""
         return SCOPES.index(self.scope) >= SCOPES.index(needed_scope(method, path))
 
     @property
     def is_expired(self) -> bool:
-        """Whether its time is over."""
+        """Whether the key has expired."""
         return self.expires_at is not None and self.expires_at <= now()
 
 
 def needed_scope(method: str, path: str) -> Scope:
-    """Tell what a key must allow for requests of a method to a path."""
+    """Return the scope that a method on a path requires."""
     if method in ("GET", "HEAD", "OPTIONS") or (method == "POST" and STORES_NOTHING.fullmatch(path)):
         return "read"
     return "admin" if method == "DELETE" else "submit"
@@ -65,7 +65,23 @@ def create_key(
     days: float | None = None,
     limits: Limits | None = None,
 ) -> str:
-    """Make a key and store its hash; the key itself is shown this once."""
+    """Create a key and store its hash; the key itself is returned only this once.
+
+    Parameters
+    ----------
+    database : Database
+        Database with the keys.
+    name : str
+        Name of the key, and of the account that it acts for.
+    scope : Scope
+        What the key allows.
+    owner : str, optional
+        Who is responsible for it.
+    days : float, optional
+        Days until it expires.
+    limits : Limits, optional
+        Quotas of its own.
+    """
     key = f"dynident_{secrets.token_urlsafe(32)}"
     with database.write() as session:
         expires_at = None if days is None else clock(session) + timedelta(days=days)
@@ -75,20 +91,20 @@ def create_key(
 
 
 def revoke_keys(database: Database, name: str) -> int:
-    """Delete the keys of a name; tells how many there were."""
+    """Delete all keys of a name, and return their number."""
     with database.write() as session:
         gone = delete(KeyRow).where(KeyRow.name == name).returning(KeyRow.sha256)
         return len(session.scalars(gone).all())
 
 
 def list_keys(database: Database) -> list[Holder]:
-    """List the keys of the database, without anything that opens."""
+    """Return the holders of all keys in the database."""
     with database.read() as session:
         return [_holder(row) for row in session.scalars(select(KeyRow).order_by(KeyRow.name, KeyRow.created_at))]
 
 
 def key_in(headers: Headers) -> str | None:
-    """Take the key of a request from its headers; `None` where it has none."""
+    """Return the key in the headers of a request, or None."""
     scheme, _, token = headers.get("authorization", "").partition(" ")
     if scheme.lower() == "bearer" and token:
         return token.strip()
@@ -96,24 +112,24 @@ def key_in(headers: Headers) -> str | None:
 
 
 class KeyRing:
-    """Tells whether a key is known, and what it allows."""
+    """The accepted keys, of the settings and of the database."""
 
     def __init__(self, settings: Settings, database: Database) -> None:
         self._configured = {key.get_secret_value() for key in settings.api_keys}
         self._database = database
         self._noted: dict[str, float] = {}
         self._names: dict[str, str] = {}
-        """Of the keys that were used, by their hashes: for who is counted before the database is asked."""
+        """Names of keys that were used, by hash: they identify a party before the database is asked."""
 
     def is_empty(self) -> bool:
-        """Tell whether there is no key at all, so that nobody could ever enter."""
+        """Return whether there is no key at all, so that nobody could ever use the service."""
         if self._configured:
             return False
         with self._database.read() as session:
             return session.scalar(select(KeyRow.sha256).limit(1)) is None
 
     def holder_of(self, key: str) -> Holder | None:
-        """Give who uses a key, and note from time to time that it is used; `None` where it is not known."""
+        """Return the holder of a key, or None if it is unknown; record its use from time to time."""
         hashed = hash_of(key)
         holder = self._look_up(hashed)
         if holder is not None:
@@ -121,13 +137,14 @@ class KeyRing:
         return holder
 
     def party_of(self, scope: RequestScope) -> str:
-        """Name the party that a request comes from: its key where that was used before, else its address."""
+        """Return the party of a request: its key if that was used before, else its address."""
         key = key_in(Headers(scope=scope))
         name = None if key is None else self._names.get(hash_of(key))
         return party_of_address(scope) if name is None else party_of_key(name)
 
     def _look_up(self, hashed: str) -> Holder | None:
-        if any(secrets.compare_digest(hashed, one) for one in self._configured):
+        # Compared in constant time, so that the duration tells nothing about the hash.
+        if any(secrets.compare_digest(hashed, known_hash) for known_hash in self._configured):
             return Holder("DYNIDENT_API_KEYS")
         with self._database.read() as session:
             row = session.get(KeyRow, hashed)

@@ -1,4 +1,4 @@
-"""How much a request may send, how fast it must come, and how many requests are answered at a time."""
+"""Limits for requests: size and speed of their bodies, and how many are answered at a time."""
 
 from __future__ import annotations
 
@@ -25,32 +25,34 @@ UPLOADS = frozenset({"/v1/measurements", "/v1/imports"})
 MESHES = re.compile("/v1/robots/[^/]+/meshes")
 TRAJECTORIES = frozenset({"/v1/simulations"})
 MOST_VALUES = 200_000
+"""Upper limit for the weight of the values of a JSON body."""
 MOST_SAMPLES = 4_000_000
-"""What a JSON body may weigh where it holds a trajectory, sample by sample."""
+"""The same for a JSON body that holds a trajectory, sample by sample."""
 WEIGHTS = ((b",", 1), (b"[", 2), (b"{", 4))
-"""What the values of a JSON body weigh: a byte of it may become a hundred in memory."""
+"""Weights of the characters that precede values: a byte of JSON may become a hundred bytes in memory."""
 ALWAYS_ANSWERED = frozenset({"/healthz", "/readyz", "/metrics"})
 FIRST_GRACE = 30.0
-"""Seconds that the first bytes may take, whatever the rate."""
+"""Seconds that the first bytes may take, whatever the required rate."""
 MOST_A_THREAD = 8
-"""As many short requests may be under way for each thread; what comes then would wait longer than it should."""
+"""Short requests that may be under way per thread; further ones would wait too long."""
 AT_A_TIME = 2
-"""Short requests that are answered at a time where the database is a file: each then computes nearly all of its time,
-and more of them would only take the interpreter from each other."""
+"""Short requests that are answered at a time if the database is a file. Each then computes nearly all of its time, so
+more of them would only compete for the interpreter.
+"""
 SHORT_BODY = 100_000
-"""Bytes of a body that comes with its head; larger ones take as long as their network does."""
+"""Bytes of a body that arrives together with its headers; a larger one takes as long as its network does."""
 SWITCH = 0.001
-"""Seconds after which a thread that computes lets the one that answers go on."""
+"""Seconds after which a computing thread lets the answering thread run."""
 LONGEST_RETRY = 3
-"""Seconds after which, at most, who was refused is asked to come again: not all in the same moment."""
+"""Upper limit in seconds for Retry-After, which is random so that refused clients do not return all at once."""
 Pace = Literal["short", "long", "following"]
 TURN = "dynident.turn"
 
 
 def set_threads(settings: Settings) -> None:
-    """Set how many requests read or write at a time: with more, each of them only takes longer.
+    """Set how many requests use the database at a time; with more threads each request only takes longer.
 
-    Called where requests are answered, in its event loop.
+    Call it in the event loop that answers requests.
     """
     to_thread.current_default_thread_limiter().total_tokens = settings.request_threads
     sys.setswitchinterval(SWITCH)
@@ -58,7 +60,7 @@ def set_threads(settings: Settings) -> None:
 
 @dataclass(frozen=True)
 class Allowance:
-    """What the body of a request may be."""
+    """Limits for the body of a request."""
 
     bytes: int
     values: int | None
@@ -66,7 +68,7 @@ class Allowance:
 
 
 def allowance(scope: Scope, settings: Settings) -> Allowance:
-    """Tell what a request may send; its content type alone opens nothing."""
+    """Return the limits for the body of a request; its content type alone grants nothing."""
     is_form = Headers(scope=scope).get("content-type", "").lower().startswith("multipart/")
     if is_form and is_upload(scope):
         return Allowance(settings.max_upload_bytes, None, "DYNIDENT_MAX_UPLOAD_BYTES")
@@ -75,7 +77,7 @@ def allowance(scope: Scope, settings: Settings) -> Allowance:
 
 
 def is_upload(scope: Scope) -> bool:
-    """Tell whether a request sends files that will be stored."""
+    """Return whether a request sends files that will be stored."""
     path = scope["path"].rstrip("/")
     return (path in UPLOADS and scope["method"] == "POST") or (
         MESHES.fullmatch(path) is not None and scope["method"] == "PUT"
@@ -83,14 +85,14 @@ def is_upload(scope: Scope) -> bool:
 
 
 class BodyLimit:
-    """Refuses bodies that are too large, too intricate or too slow, as they come in."""
+    """Middleware that refuses bodies that are too large, too complex or too slow, while they arrive."""
 
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
         self._app = app
         self._settings = settings
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Count what is received; a problem 413 when it is too much, 408 when it does not come."""
+        """Pass a request on with a counted body; answer 413 if it is too much, 408 if it does not arrive."""
         if scope["type"] != "http":
             return await self._app(scope, receive, send)
         allowed = allowance(scope, self._settings)
@@ -114,7 +116,7 @@ class BodyLimit:
 
 
 class _Meter:
-    """Counts the bytes and the values of one body, and the time that they take."""
+    """Counter of the bytes, the values and the duration of one body."""
 
     def __init__(self, allowed: Allowance, settings: Settings) -> None:
         self._allowed = allowed
@@ -125,13 +127,14 @@ class _Meter:
         self.is_over = False
 
     def count(self, message: Message) -> None:
-        """Count a part; raises an HTTPException when it is too much or came too slowly."""
+        """Count a piece of the body; raise HTTPException if it is too much or arrives too slowly."""
         body: bytes = message.get("body", b"")
         self._bytes += len(body)
         self.is_over = message["type"] != "http.request" or not message.get("more_body", False)
         if self._bytes > self._allowed.bytes:
             raise HTTPException(413, _too_large(self._allowed), {"connection": "close"})
         if self._allowed.values is not None:
+            # Counting characters is far cheaper than parsing, and happens before the body is in memory as objects.
             self._weight += sum(weight * body.count(sign) for sign, weight in WEIGHTS)
             if self._weight > self._allowed.values:
                 detail = f"The body holds more than {self._allowed.values} values; send less at a time."
@@ -142,11 +145,11 @@ class _Meter:
 
 
 class Turn:
-    """One request among those under way: it may turn out to take long.
+    """Place of a request among those under way; it may turn out to take long.
 
-    Short ones, and those that begin to follow a job, are answered a few at a time: of many that share the processor
-    each would be answered as late as the last. Who sends or reads slowly keeps nobody waiting: a request has a place
-    among the short ones from when all of it is there until its answer begins.
+    Short requests, and those that begin to follow a job, are answered a few at a time: if many share the processor,
+    each is answered as late as the last one. A slow client delays nobody: a request counts as short from when its body
+    is complete until its answer begins.
     """
 
     def __init__(self, party: str, places: SharedPlaces, short: SharedPlaces | None, queue: FairQueue | None) -> None:
@@ -165,7 +168,7 @@ class Turn:
         self._places.give_back(self.party)
 
     def take_long(self) -> None:
-        """Make room for short ones: this one only waits for something that is computed elsewhere."""
+        """Release the place among short requests, as this one only waits for a computation elsewhere."""
         ticket, queue = self._ticket, self._queue
         self._ticket = self._queue = None
         if ticket is not None and queue is not None:
@@ -174,7 +177,7 @@ class Turn:
             queue.leave(ticket)
 
     def charge(self, party: str) -> None:
-        """Count the request for another party, now that it is known who sent it."""
+        """Count the request for another party, once its key is known."""
         pools = [self._places]
         if self._ticket is not None:
             self._ticket.party = party
@@ -185,7 +188,7 @@ class Turn:
         self.party = party
 
     async def go_through(self, app: ASGIApp, scope: Scope, receive: Receive, send: Send) -> None:
-        """Have a request answered when it is its turn."""
+        """Answer the request when it is its turn."""
 
         async def received() -> Message:
             message = await receive()
@@ -213,7 +216,7 @@ class Turn:
         try:
             await queue.wait(self._ticket)
         except BaseException:
-            # It waits no more.
+            # The client left while it waited; the place is released.
             self._ticket = None
             if self._short is not None:
                 self._short.give_back(self.party)
@@ -221,9 +224,9 @@ class Turn:
 
 
 class Admission:
-    """Answers 429 when too many requests are under way, instead of letting all of them wait.
+    """Middleware that answers 429 if too many requests are under way, instead of letting all of them wait.
 
-    Places are shared by party (`fair_shares`); before a key was seen for the first time it counts by its address.
+    Places are shared by party (`fair_shares`); a key that was not seen before counts by its address.
     """
 
     def __init__(self, app: ASGIApp, settings: Settings, party_of: Callable[[Scope], str] = party_of_address) -> None:
@@ -233,11 +236,12 @@ class Admission:
         self._requests = SharedPlaces(settings.max_requests)
         self._followers = SharedPlaces(settings.max_followers)
         self._short = SharedPlaces(MOST_A_THREAD * settings.request_threads)
+        # With PostgreSQL a request mostly waits for the server, so more of them can be answered at a time.
         waits = not settings.database.startswith("sqlite")
         self._queue = FairQueue(settings.request_threads if waits else min(AT_A_TIME, settings.request_threads))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request through while there is room for it; those that only follow a job are counted apart."""
+        """Admit a request if there is room; requests that only follow a job are counted separately."""
         if scope["type"] != "http" or scope["path"] in ALWAYS_ANSWERED:
             return await self._app(scope, receive, send)
         pace, party = _pace(scope), self._party_of(scope)
@@ -262,7 +266,7 @@ class Admission:
 
 
 def _share_used_up(places: SharedPlaces, party: str, doing: str, setting: str) -> str | None:
-    """Why a party may have no other place; `None` where it may."""
+    """Return why a party may not have another place, or None if it may."""
     if places.may_take(party):
         return None
     return (
@@ -272,21 +276,21 @@ def _share_used_up(places: SharedPlaces, party: str, doing: str, setting: str) -
 
 
 def take_long(scope: Scope) -> None:
-    """Say that a request will take long, so that it keeps no short one out."""
+    """Mark a request as long, so that it takes no place of a short one."""
     turn = scope.get(TURN)
     if isinstance(turn, Turn):
         turn.take_long()
 
 
 def charge_key(scope: Scope, name: str) -> None:
-    """Count a request for the key that it was sent with."""
+    """Count a request for its API key."""
     turn = scope.get(TURN)
     if isinstance(turn, Turn):
         turn.charge(party_of_key(name))
 
 
 def party_of_request(scope: Scope) -> str:
-    """Name the party for whom a request counts."""
+    """Return the party that a request counts for."""
     turn = scope.get(TURN)
     return turn.party if isinstance(turn, Turn) else party_of_address(scope)
 

@@ -1,4 +1,4 @@
-"""Log lines: as text or as JSON, each with the request and the job that it belongs to."""
+"""Log lines as text or JSON, each with the ids of its request and its job."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Literal
 
 LogFormat = Literal["text", "json"]
 FIELDS = "fields"
-"""The attribute of a record that holds what JSON has as members of its own, by name."""
+"""Attribute of a log record with further members of its JSON line, by name."""
 _request: ContextVar[str | None] = ContextVar("dynident_request", default=None)
 _job: ContextVar[str | None] = ContextVar("dynident_job", default=None)
 
@@ -27,23 +27,23 @@ def configure(level: str, form: LogFormat) -> None:
 
 
 def current_request() -> str | None:
-    """Give the id of the request that is answered here, or that submitted the job that is done here."""
+    """Return the id of the request that is answered here, or that submitted the current job."""
     return _request.get()
 
 
 def current_job() -> str | None:
-    """Give the id of the job that is done here."""
+    """Return the id of the current job."""
     return _job.get()
 
 
 def answering(request_id: str) -> None:
-    """Say which request is answered from here on, in this task and in what it starts."""
+    """Set the request that is answered from now on, in this task and in the tasks that it starts."""
     _request.set(request_id)
 
 
 @contextmanager
 def working_on(job_id: str | None, request_id: str | None) -> Iterator[None]:
-    """Say which job is done meanwhile, and which request submitted it."""
+    """Set the current job, and the request that submitted it, in this context."""
     job, request = _job.set(job_id), _request.set(request_id)
     try:
         yield
@@ -53,7 +53,7 @@ def working_on(job_id: str | None, request_id: str | None) -> Iterator[None]:
 
 
 def time_of(record: logging.LogRecord) -> str:
-    """Give the time of a line: RFC 3339, UTC."""
+    """Return the time of a log record in RFC 3339, UTC."""
     return datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
 
 
@@ -64,21 +64,21 @@ class TextLines(logging.Formatter):
         super().__init__("%(asctime)s %(levelname)s %(name)s: %(message)s")
 
     def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:
-        """Give the time as JSON lines do."""
+        """Return the time in the format of JSON lines."""
         return time_of(record)
 
     def formatMessage(self, record: logging.LogRecord) -> str:
-        """Write a line, but for what was raised."""
+        """Format a line without its traceback."""
         known = [f"{name} {value}" for name, value in (("job", _job.get()), ("request", _request.get())) if value]
         return super().formatMessage(record) + (f" [{', '.join(known)}]" if known else "")
 
 
 class JsonLines(logging.Formatter):
-    """One JSON object a line: `time` (RFC 3339, UTC), `level`, `logger`, `message`, and what is known besides."""
+    """Formatter with one JSON object per line: `time` (RFC 3339, UTC), `level`, `logger`, `message`, and others."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Write one line."""
-        told = {
+        """Format one line."""
+        members = {
             "time": time_of(record),
             "level": record.levelname.lower(),
             "logger": record.name,
@@ -88,4 +88,4 @@ class JsonLines(logging.Formatter):
             "exception": self.formatException(record.exc_info) if record.exc_info else None,
             **getattr(record, FIELDS, {}),
         }
-        return json.dumps({name: value for name, value in told.items() if value is not None}, default=str)
+        return json.dumps({name: value for name, value in members.items() if value is not None}, default=str)

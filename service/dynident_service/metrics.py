@@ -1,4 +1,4 @@
-"""Figures for Prometheus."""
+"""Metrics for Prometheus."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ __all__ = ["CONTENT_TYPE_LATEST", "Metrics"]
 
 
 class Metrics:
-    """Requests as they are counted, jobs as the ledger has them when asked."""
+    """Metrics of requests, which are counted here, and of jobs, which are read from the queue on demand."""
 
     def __init__(self) -> None:
         self._registry = CollectorRegistry()
         self.thread = CapacityLimiter(1)
-        """One thread gives the figures: those that ask while a database hangs hold no further one."""
+        """A single thread renders the metrics, so that scrapes that hang with the database occupy no further ones."""
         self._requests = Counter(
             "dynident_requests", "Requests answered.", ("method", "route", "status"), registry=self._registry
         )
@@ -36,12 +36,12 @@ class Metrics:
         self._seconds.labels(method, route).observe(seconds)
 
     def watch_jobs(self, counts: Callable[[], dict[str, int]], strain: Callable[[], Strain], folder: Path) -> None:
-        """Show the jobs by state, the age of the queue and the deaths by cause, and the room left for a folder."""
+        """Add the jobs by state, the age of the queue, deaths by cause, and the free disk space of a folder."""
         self._registry.register(_Jobs(counts, strain))
         self._registry.register(_Room(folder))
 
     def text(self) -> bytes:
-        """Give all figures in Prometheus' text format."""
+        """Render all metrics in Prometheus' text format."""
         return generate_latest(self._registry)
 
 

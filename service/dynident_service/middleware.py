@@ -1,4 +1,4 @@
-"""What stands before the routes: who may enter, and how long it took."""
+"""Middleware before the routes: access control, audit log and timing."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from dynident_service.storage.quotas import Account, act_for
 OPEN_PATHS = frozenset({"/healthz", "/readyz"})
 PAGE = "/workbench/"
 HOLDER = "dynident.holder"
-"""Where the scope of a request has who sent it."""
+"""Key in the scope of a request for the holder of its API key."""
 audit = logging.getLogger("dynident.audit")
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
 class Gate:
-    """Asks for an API key where one is needed; elsewhere keeps pages of other origins from using the service.
+    """Middleware that requires an API key, or, without keys, protects the service from pages of other origins.
 
-    A service on the loopback interface needs no key, but a browser on the same machine could be made to call it: by a
-    host name that resolves to 127.0.0.1, or by a form of another page.
+    A service on the loopback interface needs no key. A browser on the same machine could however be made to call it, by
+    a host name that resolves to 127.0.0.1 or by a form on another page.
     """
 
     def __init__(self, app: ASGIApp, settings: Settings, keys: Callable[[], KeyRing]) -> None:
@@ -42,7 +42,7 @@ class Gate:
         self._limits = limits_of(settings)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request through, or answer it with a problem."""
+        """Admit a request, or answer it with a problem."""
         if scope["type"] != "http" or scope["path"] in OPEN_PATHS:
             return await self._app(scope, receive, send)
         headers = Headers(scope=scope)
@@ -75,7 +75,7 @@ class Gate:
 
 
 def _refusal(holder: Holder | None, method: str, path: str) -> Problem | None:
-    """Why a request may not enter; `None` where it may."""
+    """Return the problem of a request that may not enter, or None."""
     if holder is None:
         detail = "This service asks for an API key, as 'Authorization: Bearer …' or 'X-API-Key: …'."
         return make_problem(401, detail, title="API key needed")
@@ -92,7 +92,7 @@ def _refusal(holder: Holder | None, method: str, path: str) -> Problem | None:
 
 
 class _Noted:
-    """Sends what an answer consists of, and notes its status; 500 where there was none."""
+    """Records the status of an answer; 500 if there was none."""
 
     def __init__(self, send: Send) -> None:
         self._send = send
@@ -105,13 +105,13 @@ class _Noted:
 
 
 class Audit:
-    """Writes down who changed what: a line for every request that may have, without its query and its key."""
+    """Middleware that logs who changed what: every request with an unsafe method, without its query and its key."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Note what came of one request."""
+        """Log the result of one request."""
         if scope["type"] != "http" or scope["method"] in SAFE_METHODS:
             return await self._app(scope, receive, send)
         noted = _Noted(send)
@@ -125,7 +125,7 @@ class Audit:
 
 
 class Timing:
-    """Counts requests and their duration by route."""
+    """Middleware that counts requests and their duration by route."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self._app = app

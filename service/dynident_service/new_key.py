@@ -34,37 +34,37 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--quota-jobs", type=_number, help="how many jobs of it may be under way; 0: any")
     parser.add_argument("--list", action="store_true", help="list the keys, without what opens")
     parser.add_argument("--revoke", action="store_true", help="delete the keys of this name")
-    asked = parser.parse_args(arguments)
-    if not asked.list and asked.name is None:
+    options = parser.parse_args(arguments)
+    if not options.list and options.name is None:
         parser.error("give the key a name")
     try:
-        return _run(asked)
+        return _run(options)
     except DynidentError as error:
         print(f"{parser.prog}: {error.detail}", file=sys.stderr)
         return 2
 
 
-def _run(asked: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> int:
     settings = load_settings()
     with private_files():
         prepare_data_directory(settings.data_dir)
         with closing(Database(settings.database)) as database:
             migrate(database)
-            return _manage_keys(database, asked)
+            return _manage_keys(database, options)
 
 
-def _manage_keys(database: Database, asked: argparse.Namespace) -> int:
-    if asked.list:
-        for one in list_keys(database):
-            used = f"used {_day(one.last_used_at)}, ends {_day(one.expires_at)}"
-            print(f"{one.name}: {one.scope}, owner {one.owner or 'not said'}, {used}{_own(one.limits)}")
-    elif asked.revoke:
-        if revoke_keys(database, asked.name) == 0:
-            print(f"there is no key {asked.name!r}", file=sys.stderr)
+def _manage_keys(database: Database, options: argparse.Namespace) -> int:
+    if options.list:
+        for holder in list_keys(database):
+            used = f"used {_day(holder.last_used_at)}, ends {_day(holder.expires_at)}"
+            print(f"{holder.name}: {holder.scope}, owner {holder.owner or 'not said'}, {used}{_own(holder.limits)}")
+    elif options.revoke:
+        if revoke_keys(database, options.name) == 0:
+            print(f"there is no key {options.name!r}", file=sys.stderr)
             return 1
     else:
-        limits = Limits(asked.quota_bytes, asked.quota_recordings, asked.quota_jobs)
-        print(create_key(database, asked.name, asked.scope, asked.owner, asked.days, limits))
+        limits = Limits(options.quota_bytes, options.quota_recordings, options.quota_jobs)
+        print(create_key(database, options.name, options.scope, options.owner, options.days, limits))
     return 0
 
 
@@ -85,8 +85,8 @@ def _number(text: str) -> int:
 
 
 def _own(limits: Limits) -> str:
-    said = [f"{most} {kind}" for kind, most in asdict(limits).items() if most is not None]
-    return f", at most {', '.join(said)}" if said else ""
+    quotas = [f"{most} {kind}" for kind, most in asdict(limits).items() if most is not None]
+    return f", at most {', '.join(quotas)}" if quotas else ""
 
 
 def _day(moment: datetime | None) -> str:

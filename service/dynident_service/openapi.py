@@ -14,7 +14,7 @@ FILE = Path("openapi/openapi.json")
 
 
 def contract() -> str:
-    """Give the OpenAPI document as it is committed."""
+    """Return the OpenAPI document in the form in which it is committed."""
     return json.dumps(create_app(Settings()).openapi(), sort_keys=True, indent=1)
 
 

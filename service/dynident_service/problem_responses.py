@@ -1,4 +1,4 @@
-"""Every error of the application is answered as a problem."""
+"""Conversion of every error of the application into a problem."""
 
 from __future__ import annotations
 
@@ -31,18 +31,31 @@ log = logging.getLogger("dynident.service")
 
 
 def respond(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
-    """Answer a request with a problem."""
+    """Return the answer for a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    headers : dict of str to str, optional
+        Further headers.
+    """
     identifier = current_request()
-    # Also where the answer goes out past the middleware that would add them.
+    # Set here as well: an answer to an unexpected error does not pass the middleware that adds these headers.
     carried = {**SAFE, **({} if identifier is None else {REQUEST_ID: identifier}), **(headers or {})}
     content = problem.model_copy(update={"request_id": identifier}).model_dump(exclude_none=True)
     return JSONResponse(content, problem.status, headers=carried, media_type=MEDIA_TYPE)
 
 
 def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
-    """Make every error of the application a problem.
+    """Register handlers that turn every error of the application into a problem.
 
-    `allowed_methods` gives the methods that a path answers to, for 405.
+    Parameters
+    ----------
+    app : FastAPI
+        Application.
+    allowed_methods : callable
+        Returns the methods of a path, for the header `Allow` of 405.
     """
 
     @app.exception_handler(ProblemError)

@@ -14,7 +14,7 @@ from dynident.errors import DynidentError
 
 MEDIA_TYPE = "application/problem+json"
 MOST_FIELDS = 100
-"""As many wrong fields are told one by one; all of them would be larger than the request."""
+"""Upper limit for the wrong fields in a problem; all of them might be larger than the request."""
 _NOWHERE = object()
 
 
@@ -49,7 +49,7 @@ class Problem(BaseModel):
 
 
 class Further(TypedDict, total=False):
-    """What else a problem may say."""
+    """Optional members of a problem."""
 
     errors: list[ProblemField] | None
     dependents: list[Dependent] | None
@@ -59,10 +59,10 @@ class Further(TypedDict, total=False):
 
 
 class ProblemError(Exception):
-    """Ends a request with a problem."""
+    """Exception that ends a request with a problem."""
 
     retry_after = "1"
-    """Seconds after which the same request may be right, where the status says that it may."""
+    """Seconds after which the same request may succeed, for status codes that say so."""
 
     def __init__(self, status: int, detail: str, *, title: str = "", **more: Unpack[Further]) -> None:
         super().__init__(detail)
@@ -70,31 +70,43 @@ class ProblemError(Exception):
 
     @classmethod
     def of(cls, problem: Problem) -> ProblemError:
-        """End a request with a problem that is there already."""
+        """Create the exception for an existing problem."""
         error = cls(problem.status, problem.detail)
         error.problem = problem
         return error
 
 
 def make_problem(status: int, detail: str, *, title: str = "", **more: Unpack[Further]) -> Problem:
-    """Make a problem whose type follows from its title, so that programs can tell kinds apart."""
+    """Create a problem whose type follows from its title, so that programs can tell kinds apart.
+
+    Parameters
+    ----------
+    status : int
+        HTTP status code.
+    detail : str
+        What is wrong, and what to do.
+    title : str
+        Short name of the kind; the phrase of the status by default.
+    **more
+        Optional members.
+    """
     title = title or HTTPStatus(status).phrase
     slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
     return Problem(type=f"urn:dynident:problem:{slug}", title=title, status=status, detail=detail, **more)
 
 
 def not_found(kind: str, identifier: str) -> ProblemError:
-    """Say that there is no such resource."""
+    """Return the error for a resource that does not exist."""
     return ProblemError(404, f"There is no {kind} {identifier!r}.", title="Not found")
 
 
 def unusable(detail: str, pointer: str, *, title: str = "Unusable input") -> ProblemError:
-    """Say that one field of the request is wrong."""
+    """Return the error for a wrong field of the request."""
     return ProblemError(422, detail, title=title, errors=[ProblemField(pointer=pointer, detail=detail)])
 
 
 def problem_of(error: DynidentError | ProblemError) -> Problem:
-    """Turn an error that the user can mend into a problem, if it is none yet."""
+    """Convert an error that the user can correct into a problem."""
     if isinstance(error, ProblemError):
         return error.problem
     fields = [ProblemField(pointer=error.pointer, detail=error.detail)]
@@ -102,22 +114,23 @@ def problem_of(error: DynidentError | ProblemError) -> Problem:
 
 
 def pointer_of(location: Sequence[int | str], error_type: str, body: object) -> str:
-    """Turn pydantic's location of an error into a JSON pointer; the query and the path give the parameter's name.
+    """Convert pydantic's location of an error into a JSON pointer, or into the name of a parameter of query or path.
 
-    Pydantic puts the name of a union's member into the location; what is not in the body is therefore passed over,
-    but for the field that is missing there.
+    Pydantic includes names of union members in the location. Parts that the body does not have are therefore skipped,
+    except for the last part of a missing field.
     """
     first, *rest = location or ("body",)
     if first != "body":
         return ".".join(str(part) for part in rest)
-    kept = []
+    tokens = []
     for index, part in enumerate(rest):
         inside = _inside(body, part)
         is_missing = error_type == "missing" and index == len(rest) - 1
         if inside is not _NOWHERE or is_missing:
-            kept.append(str(part).replace("~", "~0").replace("/", "~1"))
+            # RFC 6901 escapes "~" before "/".
+            tokens.append(str(part).replace("~", "~0").replace("/", "~1"))
         body = body if inside is _NOWHERE else inside
-    return "".join(f"/{part}" for part in kept)
+    return "".join(f"/{part}" for part in tokens)
 
 
 def _inside(body: object, part: int | str) -> object:
@@ -129,7 +142,7 @@ def _inside(body: object, part: int | str) -> object:
 
 
 def fields_of(errors: Sequence[ErrorDetails], body: object, prefix: str = "") -> list[ProblemField]:
-    """Turn pydantic's errors into the fields of a problem; several for one pointer are joined."""
+    """Convert pydantic's errors into fields of a problem; several errors for one pointer are joined."""
     joined: dict[str, list[str]] = {}
     for error in errors:
         location: Sequence[int | str] = error["loc"]
@@ -150,8 +163,8 @@ def fields_of(errors: Sequence[ErrorDetails], body: object, prefix: str = "") ->
 
 
 def validation_problem(fields: list[ProblemField]) -> Problem:
-    """Make the problem of a request that does not have the form that the contract asks for."""
+    """Return the problem of a request that does not conform to the contract."""
     summary = "; ".join(f"{field.pointer or 'body'}: {field.detail}" for field in fields[:5])
     more = f"; and {len(fields) - 5} more" if len(fields) > 5 else ""
-    told = fields[:MOST_FIELDS]
-    return make_problem(422, summary + more, title="Request does not fit the contract", errors=told)
+    listed = fields[:MOST_FIELDS]
+    return make_problem(422, summary + more, title="Request does not fit the contract", errors=listed)

@@ -1,4 +1,4 @@
-"""Quotas where requests come in: what settings allow, and uploads that are refused before they are received."""
+"""Quotas of uploads, checked before and while a file is received."""
 
 from __future__ import annotations
 
@@ -21,39 +21,39 @@ from dynident_service.storage.space import require_room
 from dynident_service.storage.tables import RetryRow
 
 FORM = 65_536
-"""Bytes of a form besides its file, at most; how large the file itself is shows once all of it is there."""
+"""Upper limit in bytes for a form without its file. The size of the file itself is known only when it has arrived."""
 
 COPIES = 3
-"""How often the bytes of an upload may come to lie on the disk: as they come, in the store, and as they are read."""
+"""Copies of an upload on the disk: as received, in the store, and as read."""
 _KINDS: dict[str, Kind] = {"/v1/measurements": "measurement", "/v1/imports": "import"}
 
 
 def limits_of(settings: Settings) -> Limits:
-    """What each key may have that has no limits of its own."""
+    """Return the limits of keys that have none of their own."""
     return Limits(settings.quota_bytes, settings.quota_recordings, settings.quota_jobs)
 
 
 @dataclass(eq=False)
 class _Coming:
-    """An upload under way."""
+    """Upload under way."""
 
     account: Account | None
     size: int
-    """Bytes that were announced, or have come where that is more."""
+    """Announced bytes, or received bytes if these are more."""
     came: int = 0
 
     @property
     def to_write(self) -> int:
-        """Bytes on the disk that it will still take."""
+        """Bytes that it will still write to the disk."""
         return COPIES * self.size - self.came
 
 
 class UploadRoom:
-    """Refuses an upload for which there is no room, by its length or as it comes in, before anything is done with it.
+    """Middleware that refuses uploads for which there is no room, by their length or while they arrive.
 
-    What is on its way counts as if it were stored: of many that come at once only as many are taken as there is room
-    for. What is left of a quota is looked at again where the recording is stored, as other services of the same
-    database know nothing of each other's uploads.
+    Uploads under way count as if they were stored, so of many simultaneous ones only as many are accepted as fit. The
+    quota is checked again when the recording is stored, since services that share a database do not know of each
+    other's uploads.
     """
 
     def __init__(self, app: ASGIApp, settings: Settings, database: Callable[[], Database]) -> None:
@@ -61,10 +61,10 @@ class UploadRoom:
         self._settings = settings
         self._database = database
         self._coming: dict[_Coming, None] = {}
-        """In the order in which they began."""
+        """Uploads under way in the order in which they began; a dict serves as an ordered set."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Look at what is left where something is uploaded."""
+        """Check the room for an upload; pass other requests on."""
         if scope["type"] != "http" or not is_upload(scope):
             return await self._app(scope, receive, send)
         length = Headers(scope=scope).get("content-length", "")
@@ -78,8 +78,8 @@ class UploadRoom:
     async def _pass_on(self, upload: _Coming, scope: Scope, receive: Receive, send: Send) -> None:
         try:
             self._check_disk()
-            left = await to_thread.run_sync(self._left, upload, scope)
-            self._check_quota(upload, left)
+            remaining = await to_thread.run_sync(self._left, upload, scope)
+            self._check_quota(upload, remaining)
         except ProblemError as error:
             await respond(error.problem, {"connection": "close"})(scope, receive, send)
             return
@@ -90,11 +90,12 @@ class UploadRoom:
             if upload.came > upload.size:  # it did not say its length
                 upload.size = upload.came
                 self._check_disk()
-                self._check_quota(upload, left)
+                self._check_quota(upload, remaining)
             return message
 
         async def sent(message: Message) -> None:
-            # Before its client can know that it is stored, and send another one.
+            # Released before the client learns that its file is stored: its next upload must not find this one still
+            # counted.
             if message["type"] == "http.response.start":
                 self._coming.pop(upload, None)
             await send(message)
@@ -102,13 +103,16 @@ class UploadRoom:
         await self._app(scope, received, sent)
 
     def _check_disk(self) -> None:
-        needed = sum(one.to_write for one in self._coming)
+        needed = sum(upload.to_write for upload in self._coming)
         require_room(self._settings.data_dir, needed, self._settings.reserved_bytes)
 
     def _left(self, upload: _Coming, scope: Scope) -> int | None:
-        """Bytes that an account may have beside what it has; `None` where they are not limited.
+        """Return the bytes that an account may still store, or None if they are not limited.
 
-        Raises OverQuota where it may not have another recording.
+        Raises
+        ------
+        OverQuota
+            If it may not have another recording.
         """
         account, headers = upload.account, Headers(scope=scope)
         if account is None or not (account.limits.bytes or account.limits.recordings):
@@ -121,13 +125,13 @@ class UploadRoom:
             check(session, account, [NewResource(kind, {})])
             return account.limits.bytes - bytes_of(session, account.name) if account.limits.bytes else None
 
-    def _check_quota(self, upload: _Coming, left: int | None) -> None:
-        """Raise OverQuota where an upload, with those of the account that began before, is more than is left."""
+    def _check_quota(self, upload: _Coming, remaining: int | None) -> None:
+        """Raise OverQuota if an upload, with earlier ones of the account under way, exceeds what remains."""
         account = upload.account
-        if account is None or left is None:
+        if account is None or remaining is None:
             return
-        others = takewhile(lambda one: one is not upload, self._coming)
-        size = upload.size + sum(one.size for one in others if one.account and one.account.name == account.name)
-        if size > left + FORM:
+        others = takewhile(lambda other: other is not upload, self._coming)
+        size = upload.size + sum(other.size for other in others if other.account and other.account.name == account.name)
+        if size > remaining + FORM:
             allowed = account.limits.bytes or 0
-            raise files_too_large(account, allowed, allowed - left, size)
+            raise files_too_large(account, allowed, allowed - remaining, size)

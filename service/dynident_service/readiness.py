@@ -1,4 +1,4 @@
-"""Whether the service does what users ask it for: each part is asked as a request would ask it."""
+"""Readiness of the service: each part is checked in the way in which a request uses it."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.tables import ResourceRow
 
 FRESH = 1.0
-"""Seconds for which an answer is given again: however often readiness is asked for, each part is asked once."""
+"""Seconds for which a result is reused, however often readiness is asked for."""
 LONGEST = 1.0
-"""Seconds within which the database and a child process answer: a user who waits longer thinks that nothing happens."""
+"""Seconds within which the database and a child process must answer; users take a longer silence for a failure."""
 LONGEST_OF_OBJECTS = 5.0
-"""The same of the object store, which may be far away: an object is written and read again, by several requests."""
+"""The same for the object store, which may be remote: an object is written and read in several requests."""
 LONGEST_START = 60.0
-"""Seconds that the first child process may take to load the science, on a busy machine."""
+"""Seconds that the first child process may take to import the science, on a busy machine."""
 GIVEN_UP = 30.0
-"""Seconds after which a child that was asked is killed: it then took the place of a user's for long enough."""
+"""Seconds after which a child that does not answer is killed; it has kept the place of a user's request long enough."""
 
 
 class Check:
-    """One part. While it has not answered it is not asked again, so that what hangs holds one thread and no more."""
+    """Check of one part. A check under way is not started again, so a part that hangs occupies a single thread."""
 
     def __init__(self, ask: Callable[[], Awaitable[object]], longest: float, longest_start: float = 0.0) -> None:
         self._ask = ask
@@ -43,17 +43,18 @@ class Check:
         self._has_answered = False
 
     async def state(self) -> str:
-        """Tell `ok`, `starting`, or what is wrong; after the longest time at most."""
+        """Return `ok`, `starting`, or what is wrong, within the longest time."""
         moment = time.monotonic()
         if self._task is None or (self._task.done() and moment - self._began >= FRESH):
             self._began, self._task = moment, asyncio.create_task(self._answer())
+        # `wait` leaves the task running at the timeout, unlike `wait_for`, which would cancel it.
         await asyncio.wait({self._task}, timeout=max(0.0, self._began + self._longest - time.monotonic()))
-        told = self._task.result() if self._task.done() else f"failed: no answer within {self._longest:g} s"
-        if told == "ok":
+        state = self._task.result() if self._task.done() else f"failed: no answer within {self._longest:g} s"
+        if state == "ok":
             self._has_answered = True
         elif not self._has_answered and moment < self._starts_until:
             return "starting"
-        return told
+        return state
 
     async def _answer(self) -> str:
         try:
@@ -67,7 +68,7 @@ class Check:
 
 
 class Readiness:
-    """Asks the database, the object store, and a child process."""
+    """Checks of the database, the object store and a child process."""
 
     def __init__(self, database: Database, objects: ObjectStore, awaited: Awaited) -> None:
         self._database = database
@@ -76,8 +77,8 @@ class Readiness:
         self._checks: dict[str, Check] = {}
 
     async def states(self) -> dict[str, str]:
-        """Tell of each part how it is."""
-        if not self._checks:  # of the event loop that answers
+        """Return the state of each part."""
+        if not self._checks:  # created here, in the event loop
             self._checks = {
                 "database": Check(self._ask_database, LONGEST),
                 "objects": Check(self._ask_objects, LONGEST_OF_OBJECTS),
@@ -87,7 +88,7 @@ class Readiness:
         return dict(zip(self._checks, states, strict=True))
 
     async def _ask_database(self) -> None:
-        """Read a row in one of the threads, and by one of the connections, that requests have."""
+        """Read a row with the threads and connections of requests."""
         await to_thread.run_sync(self._read_row)
 
     def _read_row(self) -> None:
@@ -108,6 +109,6 @@ class Readiness:
 
 
 async def _never_left() -> Message:
-    """Stand for a client that waits."""
+    """Stand in for a client that never leaves."""
     await anyio.sleep_forever()
     return {"type": "http.disconnect"}

@@ -1,4 +1,4 @@
-"""What was made for a request or a job and never changes, so that the next one has it at once."""
+"""Cache of the most recently used values."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ T = TypeVar("T")
 
 
 class Remembered(Generic[T]):
-    """Values by the ids of what they are of; those not asked for longest are forgotten. A restart forgets all."""
+    """Values by id, of which the least recently used are dropped. For values that never change; a restart drops all."""
 
     def __init__(self, most: int) -> None:
         self._most = most
         self._kept: OrderedDict[str, T] = OrderedDict()
 
     def get(self, identifier: str) -> T | None:
-        """Give a value, if it is remembered."""
+        """Return a cached value, or None."""
         if identifier in self._kept:
             self._kept.move_to_end(identifier)
         return self._kept.get(identifier)
 
     def keep(self, identifier: str, value: T) -> None:
-        """Remember a value."""
+        """Cache a value."""
         self._kept[identifier] = value
         self._kept.move_to_end(identifier)
         while len(self._kept) > self._most:

@@ -1,7 +1,7 @@
-"""The science, which a service loads beside its first requests: one thread at a time imports it, requests first.
+"""Import of the science in the background: one thread imports at a time, and requests come first.
 
-Modules of SciPy import each other in a circle. Where two threads are in it at once, each waits for what the other one
-imports, and Python ends that by an error in one of them.
+Modules of SciPy import each other in a circle. If two threads import them at once, each waits for the other, and Python
+ends the deadlock with an error in one of them.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ PIECES = (
     "dynident_service.adapters.designs",
     "dynident_service.work",
 )
-"""What requests will need, that first for which a page asks first; between two of them requests have their turn."""
+"""Modules that requests will need, in the order in which a page needs them; requests may import between two of them."""
 
 
 class Turns:
-    """Who imports: one at a time, and not who is patient while another one waits."""
+    """Lock for imports, with a lower priority for those who are patient."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
@@ -32,7 +32,7 @@ class Turns:
 
     @contextmanager
     def taken(self, *, patiently: bool = False) -> Iterator[None]:
-        """Have the turn."""
+        """Hold the lock; `patiently` lets all others go first."""
         with self._changed:
             self._waiting += not patiently
             self._changed.wait_for(lambda: not self._is_taken and not (patiently and self._waiting))
@@ -51,15 +51,16 @@ _turns = Turns()
 
 @contextmanager
 def importing() -> Iterator[None]:
-    """Import science in here while requests are answered: no other thread does meanwhile."""
+    """Hold the import lock while a request imports science."""
     with _turns.taken():
         yield
 
 
 def load_science() -> None:
-    """Load what requests will need, so that the first one does not wait for it."""
+    """Import what requests will need, so that the first one does not wait."""
     for name in PIECES:
         with _turns.taken(patiently=True):
             importlib.import_module(name)
-    # It stays: a full collection of garbage would go through all of it again, and every request wait for 0.1 s.
+    # The modules stay for good. Unfrozen, a full garbage collection would visit all their objects and stop every
+    # request for 0.1 s.
     gc.freeze()

@@ -1,4 +1,4 @@
-"""Starts the service."""
+"""Start of the service."""
 
 from __future__ import annotations
 
@@ -19,12 +19,18 @@ from dynident_service.storage.data_directory import PRIVATE, prepare_data_direct
 
 
 def serve(settings: Settings | None = None) -> None:
-    """Answer requests until interrupted, or told to terminate."""
+    """Answer requests until the process is interrupted or terminated.
+
+    Parameters
+    ----------
+    settings : Settings, optional
+        Settings; those of the environment by default.
+    """
     settings = settings or load_settings()
     forget_keys()
     os.umask(os.umask(PRIVATE) | PRIVATE)
     if settings.database.startswith("postgresql"):
-        # Said at once where it is missing, and not by a traceback while the service starts.
+        # Imported here, so that a missing package is reported at once and not by a traceback during the start.
         import_module("psycopg")
     if settings.traces:
         traces.require()
@@ -35,7 +41,7 @@ def serve(settings: Settings | None = None) -> None:
 
 
 def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
-    """Configure a server that answers with the application."""
+    """Return the configuration of the server for an application."""
     return uvicorn.Config(
         app,
         host=settings.host,

@@ -1,4 +1,4 @@
-"""What the routes work with, opened when the application starts and closed when it ends."""
+"""Storage and engine that the routes work with, opened when the application starts and closed when it ends."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.resources import Resources
 
 MOST_VERDICTS = 500
-"""Of some 2 kB each."""
+"""Cached verdicts, of some 2 kB each."""
 
 
 @dataclass(frozen=True)
 class Services:
-    """The storage and the engine of one running application."""
+    """Storage and engine of a running application."""
 
     settings: Settings
     database: Database
@@ -52,7 +52,7 @@ class Services:
 
     @contextmanager
     def scratch(self) -> Iterator[Path]:
-        """A folder for the files of one request, which is gone with it."""
+        """Create a folder for the files of one request, and remove it afterwards."""
         folder = self.settings.uploads_dir
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder) as name:
@@ -61,9 +61,23 @@ class Services:
 
 @contextmanager
 def open_services(settings: Settings, nursery: Nursery) -> Iterator[Services]:
-    """Open the storage, bring the database up to date, and start the engine in the background."""
+    """Open the storage, migrate the database, and start the engine in the background.
+
+    Parameters
+    ----------
+    settings : Settings
+        Settings of the service.
+    nursery : Nursery
+        Process that child processes are forked from.
+
+    Yields
+    ------
+    Services
+        Closed at the end of the context.
+    """
     prepare_data_directory(settings.data_dir)
     with mark_in_use(settings.data_dir) as is_alone, closing(Database(settings.database)) as database:
+        # If no other service uses the directory, every unfinished file is from before this moment.
         abandoned_before = time.time() if is_alone else 0.0
         migrate(database)
         objects = ObjectStore(settings.objects, settings.cache_dir)
@@ -87,18 +101,18 @@ def open_services(settings: Settings, nursery: Nursery) -> Iterator[Services]:
 
 
 def confine_readers(settings: Settings, objects: ObjectStore) -> Confinement:
-    """Confine the processes that read what strangers sent: to uploads and stored files, without a network."""
+    """Return the confinement of processes that read strangers' files: uploads and stored files only, and no network."""
     uploads = settings.uploads_dir.resolve()
     for folder in (uploads, objects.local_folder):
-        folder.mkdir(parents=True, exist_ok=True)  # one that is made later could not be allowed
+        folder.mkdir(parents=True, exist_ok=True)  # Landlock allows existing folders only
     folders = Folders(settings.data_dir.resolve(), (objects.local_folder,), (uploads,))
     return Confinement(min(REQUEST_MEMORY, settings.job_memory), settings.processes_dir, folders)
 
 
 async def services_of(request: Request) -> Services:
-    """Give the services of the application that answers a request.
+    """Return the services of the application that answers a request.
 
-    Asynchronous, as it is short: else each request would wait for a thread just for this.
+    Asynchronous because it is short: a synchronous dependency would wait for a thread in every request.
     """
     return cast(Services, request.app.state.services)
 

@@ -1,4 +1,4 @@
-"""Every setting of the service, each also an environment variable `DYNIDENT_…`."""
+"""Settings of the service, each also an environment variable `DYNIDENT_…`."""
 
 from __future__ import annotations
 
@@ -126,12 +126,12 @@ class Settings(LogSettings):
 
 
 def load_settings(**given: object) -> Settings:
-    """Read the settings of the environment, with those that are given in their stead.
+    """Read the settings of the environment; `given` replaces some of them.
 
     Raises
     ------
     DynidentError
-        For one that cannot be used, with its name.
+        For an unusable setting, with its name.
     """
     try:
         return Settings(**given)  # type: ignore[arg-type]
@@ -140,17 +140,17 @@ def load_settings(**given: object) -> Settings:
             raise DynidentError(f"{error}; lists are JSON", title="Unusable setting") from error
         first = error.errors()[0]
         name = f"DYNIDENT_{first['loc'][0]}".upper()
-        told = "" if is_secret(name) else f" (it is {first['input']!r})"
-        raise DynidentError(f"{first['msg']}{told}", pointer=name, title="Unusable setting") from error
+        value = "" if is_secret(name) else f" (it is {first['input']!r})"
+        raise DynidentError(f"{first['msg']}{value}", pointer=name, title="Unusable setting") from error
 
 
 def hash_of(key: str) -> str:
-    """Hash an API key: SHA-256 is enough for a random one, since there is no dictionary to try."""
+    """Return the SHA-256 of an API key. A fast hash is enough for a random key, which no dictionary contains."""
     return hashlib.sha256(key.encode()).hexdigest()
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether a host name or address means this machine alone."""
+    """Return whether a host name or address means this machine only."""
     if host == "localhost":
         return True
     try:

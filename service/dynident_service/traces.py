@@ -1,6 +1,6 @@
-"""Traces: a span for each request and for each job, by OpenTelemetry, where that is wished.
+"""Optional tracing with OpenTelemetry: a span for each request and for each job.
 
-Where it is not, nothing of OpenTelemetry is loaded. The standard `OTEL_…` variables say where spans go and how many.
+Without it nothing of OpenTelemetry is imported. The standard `OTEL_…` variables say where spans go and how many.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from opentelemetry.sdk.trace.export import SpanExporter
 
 PARENT = "traceparent"
-"""The header of W3C Trace Context, under which a span is named to those who go on with it."""
+"""Header of W3C Trace Context that names the parent span."""
 SOON = "1000"
-"""Milliseconds that a span may wait to be sent: a process that computes may be killed."""
+"""Milliseconds until a span is sent; short, as a computing process may be killed."""
 NOT_TRACED = frozenset({"/healthz", "/readyz", "/metrics"})
 PACKAGES = ("opentelemetry.sdk.trace", "opentelemetry.exporter.otlp.proto.http")
 _provider: TracerProvider | None = None
@@ -31,13 +31,13 @@ log = logging.getLogger("dynident.service")
 
 
 def require() -> None:
-    """Raise ImportError where the packages are missing that traces need."""
+    """Raise ImportError if the packages for tracing are missing."""
     for package in PACKAGES:
         importlib.import_module(package)
 
 
 def begin(exporter: SpanExporter | None = None) -> None:
-    """Trace what this process does from now on; after a fork, as what sends the spans is a thread."""
+    """Trace this process from now on; call it after a fork, as a thread sends the spans."""
     global _provider
     from opentelemetry.sdk.trace import TracerProvider
     from opentelemetry.sdk.trace.export import BatchSpanProcessor, SimpleSpanProcessor
@@ -52,7 +52,7 @@ def begin(exporter: SpanExporter | None = None) -> None:
 
 
 def end() -> None:
-    """Send what was not sent yet, and trace no more."""
+    """Send the remaining spans, and stop tracing."""
     global _provider
     if _provider is not None:
         _provider.shutdown()
@@ -60,7 +60,7 @@ def end() -> None:
 
 
 def current() -> str | None:
-    """Name the span that this is done in, for those who go on with it elsewhere."""
+    """Return the header that names the current span, for work that continues elsewhere."""
     if _provider is None:
         return None
     from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapPropagator
@@ -72,13 +72,13 @@ def current() -> str | None:
 
 @contextmanager
 def going_on(name: str, parent: str | None, **attributes: str | int) -> Iterator[None]:
-    """Have a span around what is done for another process; its ids are those of the log."""
+    """Open a span for work that another process requested."""
     with _span(name, "CONSUMER", {} if parent is None else {PARENT: parent}, attributes):
         yield
 
 
 class Tracing:
-    """Has a span around each request, which goes on with that of its caller; neither query nor headers are in it."""
+    """Middleware with a span for each request, a child of the caller's span; without query and headers."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -89,8 +89,12 @@ class Tracing:
             return await self._app(scope, receive, send)
         headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
         method = scope["method"]
-        asked = {"http.request.method": method, "url.path": scope["path"], "url.scheme": scope.get("scheme", "http")}
-        with _span(method, "SERVER", headers, asked) as span:
+        attributes = {
+            "http.request.method": method,
+            "url.path": scope["path"],
+            "url.scheme": scope.get("scheme", "http"),
+        }
+        with _span(method, "SERVER", headers, attributes) as span:
 
             async def noted(message: Message) -> None:
                 if message["type"] == "http.response.start":
@@ -131,15 +135,15 @@ def _mark_failed(span: Any) -> None:
 
 
 def _exporter() -> SpanExporter | None:
-    wanted = os.environ.get("OTEL_TRACES_EXPORTER", "otlp").strip().lower()
-    if wanted == "otlp":
+    exporter_name = os.environ.get("OTEL_TRACES_EXPORTER", "otlp").strip().lower()
+    if exporter_name == "otlp":
         from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
 
         return OTLPSpanExporter()
-    if wanted == "console":
+    if exporter_name == "console":
         from opentelemetry.sdk.trace.export import ConsoleSpanExporter
 
         return ConsoleSpanExporter()
-    if wanted != "none":
-        log.warning("OTEL_TRACES_EXPORTER is %r; known are otlp, console and none: no spans are sent", wanted)
+    if exporter_name != "none":
+        log.warning("OTEL_TRACES_EXPORTER is %r; known are otlp, console and none: no spans are sent", exporter_name)
     return None

@@ -8,8 +8,8 @@
     found = dy.diagnose(model)
     better = model.extend(found)
 
-Names are loaded when they are used: `import dynident` alone loads no numpy. What lies below has rooms of its own, such
-as `dynident.identification`, `dynident.excitation` and `dynident.simulation`.
+Names are loaded when they are used: `import dynident` alone loads no numpy. The packages below, such as
+`dynident.identification`, `dynident.excitation` and `dynident.simulation`, can be used by themselves.
 """
 
 from __future__ import annotations
@@ -98,20 +98,22 @@ _HOME_OF = homes_of(__name__)
 
 _missing = missing_science()
 if _missing is not None:
+    # First in line, so that the message about the extra comes before Python's own error.
     sys.meta_path.insert(0, RoomsThatNeedScience(_missing))
 
 
 if not TYPE_CHECKING:
-    # Not for the eyes of type checkers, to whom every name would then be there.
+    # Hidden from type checkers: with a module-level __getattr__ they would accept every name.
 
     def __getattr__(name: str) -> object:
-        # The science takes a second or two to load: only who uses it waits for it.
+        # Numerical packages take a second or two to load, so they are imported at the first use of a name.
         home = _HOME_OF.get(name)
         if home is None:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         try:
             value = globals()[name] = getattr(import_module(home), name)
         except ModuleNotFoundError as missing:
+            # A module of this library that is missing is an error of the library, not of the installation.
             if (missing.name or "").startswith("dynident"):
                 raise
             raise ModuleNotFoundError(

@@ -1,4 +1,4 @@
-"""Kinds of array, by what is in them; their shapes stand where they are used."""
+"""Type aliases for numpy arrays by the type of their elements; shapes stand in the docstrings of their users."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
-# What numpy's own searches and sorts give: positions in another array.
+# The type that numpy's searches and sorts return: positions in another array.
 IndexArray = NDArray[np.intp]

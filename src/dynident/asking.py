@@ -1,7 +1,8 @@
-"""What a field of a request says of itself: words, unit, range; stated once, beside the science that it is asked of.
+"""Fields of requests with their description: words, unit, range, default.
 
-A request is a frozen dataclass. What is `said` of its fields makes the bodies of the HTTP contract, the options of the
-command line with their help, the client's signatures and the forms of the page.
+A request is a frozen dataclass. The description of each field stands beside the code that uses the field. It makes
+the bodies of the HTTP contract, the options of the command line with their help, the client's signatures and the forms
+of the page.
 """
 
 from __future__ import annotations
@@ -29,7 +30,19 @@ LARGEST = 1e16
 
 @dataclass(frozen=True)
 class Choice:
-    """One of several: what it is asked for by, what people call it, and what it is for, in a line and in short."""
+    """One of the values that a field takes.
+
+    Parameters
+    ----------
+    name : str
+        The value as a request states it.
+    label : str
+        What people call it.
+    words : str
+        What it is for, in a line.
+    brief : str
+        The same in a few words, for a line of help.
+    """
 
     name: str
     label: str = ""
@@ -38,7 +51,7 @@ class Choice:
 
 
 class Named(Protocol):
-    """What a field takes one of (`OneOf`, `dynident.kinds.Kinds`)."""
+    """A set of names that a field takes one of (`OneOf`, `dynident.kinds.Kinds`)."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -47,50 +60,50 @@ class Named(Protocol):
 
     @property
     def choices(self) -> tuple[Choice, ...]:
-        """The same with their words."""
+        """The names with their descriptions."""
         ...
 
     def told(self) -> str:
-        """The names with their words in short, for a line of help."""
+        """Return the names with their short descriptions, for a line of help."""
         ...
 
 
 class OneOf:
-    """Names that a field takes one of, with their words."""
+    """A fixed set of names that a field takes one of, with their descriptions."""
 
     def __init__(self, *choices: Choice | str) -> None:
-        self.choices = tuple(Choice(one) if isinstance(one, str) else one for one in choices)
+        self.choices = tuple(Choice(choice) if isinstance(choice, str) else choice for choice in choices)
 
     @property
     def names(self) -> tuple[str, ...]:
         """All names, in their order."""
-        return tuple(one.name for one in self.choices)
+        return tuple(choice.name for choice in self.choices)
 
     def told(self) -> str:
-        """The names with their words in short, for a line of help."""
-        return ", ".join(f"{one.name} ({one.brief})" if one.brief else one.name for one in self.choices)
+        """Return the names with their short descriptions, for a line of help."""
+        return ", ".join(f"{choice.name} ({choice.brief})" if choice.brief else choice.name for choice in self.choices)
 
 
 @dataclass(frozen=True)
 class Said:
-    """What is said of a field.
+    """The description of a request's field.
 
     Parameters
     ----------
     words : str
-        What it is, in a line.
+        What the field is, in a line.
     unit : str
-        Of a number.
+        Unit of a number.
     above, at_least, at_most : float, optional
         The range of a number, or of each number in a list.
     fewest, most : int, optional
         How many items a list may have.
     kinds : Named, optional
-        What it is one of.
+        The names that the field takes one of.
     option : str
         The option of the command line, where it is not the field's own name; "-" where there is none.
     local : bool
-        A matter of one machine, which no request to another carries.
+        True for what concerns one machine only and is not sent to another.
     """
 
     words: str = ""
@@ -106,12 +119,23 @@ class Said:
 
     @property
     def sentence(self) -> str:
-        """The words with the unit."""
+        """The description with the unit."""
         return f"{self.words}, in {self.unit}" if self.words and self.unit else self.words or self.unit
 
     def admits(self, value: float) -> bool:
-        """Whether a number is finite, of a size that can be meant, and within the range."""
+        """Check whether a number is finite, of a plausible size and within the range.
+
+        Parameters
+        ----------
+        value : float
+            In the field's unit.
+
+        Returns
+        -------
+        bool
+        """
         return (
+            # The first comparison is false for NaN and for infinities, too: neither can be given to any field.
             -LARGEST <= value <= LARGEST
             and (self.above is None or value > self.above)
             and (self.at_least is None or value >= self.at_least)
@@ -130,7 +154,7 @@ class Said:
 
 
 class About(TypedDict, total=False):
-    """What else is said of a field, by keyword: the fields of `Said` beside its words."""
+    """The keyword arguments of `said`: the fields of `Said` except its words."""
 
     unit: str
     above: float | None
@@ -150,30 +174,56 @@ def said(
     made_by: Callable[[], T] | None = None,
     **more: Unpack[About],
 ) -> T:
-    """A dataclass's field with what is said of it.
+    """Declare a dataclass's field together with its description.
 
     Parameters
     ----------
     words : str
-        What it is, in a line, without a full stop.
+        What the field is, in a line, without a full stop.
     default, made_by
-        The default, or what makes it.
+        The default, or the function that makes it.
     more
         As `Said` has it: unit, above, at_least, at_most, fewest, most, kinds, option, local.
+
+    Returns
+    -------
+    dataclasses.Field
+        Typed as the field's value, so that it can stand as the default of an annotated field.
     """
     return _field(Said(words, **more), default, made_by)
 
 
-def said_of(one: Field[T]) -> Said:
-    """What is said of a field; nothing where it was made without."""
-    found: Said = one.metadata.get(_KEY, _NOTHING)
-    return found
+def said_of(request_field: Field[T]) -> Said:
+    """Return the description of a dataclass's field; an empty one where the field was declared without.
+
+    Parameters
+    ----------
+    request_field : dataclasses.Field
+
+    Returns
+    -------
+    Said
+    """
+    description: Said = request_field.metadata.get(_KEY, _NOTHING)
+    return description
 
 
-def retold(one: Field[T], words: str) -> T:
-    """A field like another, in other words."""
-    made_by = None if one.default_factory is MISSING else one.default_factory
-    return _field(replace(said_of(one), words=words), one.default, made_by)
+def retold(request_field: Field[T], words: str) -> T:
+    """Copy a field with another description.
+
+    Parameters
+    ----------
+    request_field : dataclasses.Field
+    words : str
+        What the field is, in a line.
+
+    Returns
+    -------
+    dataclasses.Field
+        With the default and every other property of `request_field`.
+    """
+    made_by = None if request_field.default_factory is MISSING else request_field.default_factory
+    return _field(replace(said_of(request_field), words=words), request_field.default, made_by)
 
 
 def anew(
@@ -183,47 +233,89 @@ def anew(
     default: T | Missing = MISSING,
     made_by: Callable[[], T] | None = None,
 ) -> T:
-    """A field as a request has it that changes what was asked for; its default is what leaves that as before."""
-    about = next(said_of(one) for one in fields(request) if one.name == name)
-    return said(about.words, default=default, made_by=made_by)
+    """Declare the field of a request that changes an earlier one, described as in the earlier request.
+
+    Parameters
+    ----------
+    request : type
+        The dataclass that declares the field first.
+    name : str
+        The field's name there.
+    default, made_by
+        The value that leaves the earlier request unchanged, or the function that makes it.
+
+    Returns
+    -------
+    dataclasses.Field
+    """
+    description = next(said_of(request_field) for request_field in fields(request) if request_field.name == name)
+    return said(description.words, default=default, made_by=made_by)
 
 
-def default_of(one: Field[T]) -> T | Missing:
-    """A field's default; `MISSING` where it has none."""
-    return one.default if one.default_factory is MISSING else one.default_factory()
+def default_of(request_field: Field[T]) -> T | Missing:
+    """Return a field's default; `MISSING` where it has none.
+
+    Parameters
+    ----------
+    request_field : dataclasses.Field
+        Its default factory is called, if it has one.
+
+    Returns
+    -------
+    object
+    """
+    return request_field.default if request_field.default_factory is MISSING else request_field.default_factory()
 
 
 def check_ranges(request: DataclassInstance, within: str = "") -> None:
-    """Raise `DynidentError` where a number of a request, or of a part of one, is not within what is said of its field.
+    """Check that all numbers of a request, and of its parts, are within the ranges of their fields.
 
-    `within` is the pointer to the request.
+    Parameters
+    ----------
+    request : dataclass instance
+    within : str
+        JSON pointer to the request, "" at the top.
+
+    Raises
+    ------
+    DynidentError
+        For the first number out of range, or the first list of a wrong length; its pointer names the place.
     """
-    for one in fields(request):
-        if _KEY in one.metadata:
-            _check_values(getattr(request, one.name), one.name, said_of(one), f"{within}/{one.name}")
+    for request_field in fields(request):
+        # Fields that were declared without a description have no range to check.
+        if _KEY in request_field.metadata:
+            _check_values(
+                getattr(request, request_field.name),
+                request_field.name,
+                said_of(request_field),
+                f"{within}/{request_field.name}",
+            )
 
 
-def _check_values(value: object, name: str, about: Said, at: str) -> None:
-    """Check what a field holds: a number, another request, or several of them."""
+def _check_values(value: object, name: str, description: Said, pointer: str) -> None:
+    """Check the value of one field: a number, another request, or several of them."""
     if isinstance(value, (int, float)):
-        if not (isinstance(value, bool) or about.admits(value)):
-            raise DynidentError(f"{name} is {_shown(value)}; it must be {about.range}", pointer=at)
+        # For Python a bool is an int. It has no range.
+        if not (isinstance(value, bool) or description.admits(value)):
+            raise DynidentError(f"{name} is {_shown(value)}; it must be {description.range}", pointer=pointer)
     elif isinstance(value, Mapping):
         for key, item in value.items():
-            _check_values(item, f"{name} of {key}", about, f"{at}/{_escaped(key)}")
+            _check_values(item, f"{name} of {key}", description, f"{pointer}/{_escaped(key)}")
     elif isinstance(value, (tuple, list)):
-        if not (about.fewest or 0) <= len(value) <= (len(value) if about.most is None else about.most):
-            ends = (("at least", about.fewest), ("at most", about.most))
+        most = len(value) if description.most is None else description.most
+        if not (description.fewest or 0) <= len(value) <= most:
+            ends = (("at least", description.fewest), ("at most", description.most))
             allowed = " and ".join(f"{words} {end}" for words, end in ends if end is not None)
-            raise DynidentError(f"{name} has {len(value)} items; it must have {allowed}", pointer=at)
+            raise DynidentError(f"{name} has {len(value)} items; it must have {allowed}", pointer=pointer)
         for index, item in enumerate(value):
-            _check_values(item, name, about, f"{at}/{index}")
+            _check_values(item, name, description, f"{pointer}/{index}")
     elif is_dataclass(value) and not isinstance(value, type):
-        check_ranges(value, at)
+        check_ranges(value, pointer)
 
 
 def _escaped(key: object) -> str:
-    """A key as a JSON pointer has it."""
+    """Escape a key for use in a JSON pointer (RFC 6901)."""
+    # "~" has to be replaced first, since the escape of "/" contains one.
     return str(key).replace("~", "~0").replace("/", "~1")
 
 
@@ -232,14 +324,15 @@ def _shown(value: float) -> str:
     return "too large" if isinstance(value, int) and abs(value) > LARGEST else str(value)
 
 
-def _field(about: Said, default: T | Missing, made_by: Callable[[], T] | None) -> T:
-    metadata = {_KEY: about}
+def _field(description: Said, default: T | Missing, made_by: Callable[[], T] | None) -> T:
+    metadata = {_KEY: description}
     if made_by is not None:
         return field(default_factory=made_by, metadata=metadata)
     if default is not MISSING:
         return field(default=default, metadata=metadata)
-    found: T = field(metadata=metadata)
-    return found
+    # A field is typed as its value, as dataclasses.field itself is in the stubs of the standard library.
+    declared_field: T = field(metadata=metadata)
+    return declared_field
 
 
 _NOTHING = Said()

@@ -1,4 +1,4 @@
-"""How a long computation keeps what it has reached, so that it goes on from there if it is stopped from outside."""
+"""Checkpoints of a long computation, from which it goes on after it was stopped from outside."""
 
 from __future__ import annotations
 
@@ -7,21 +7,26 @@ from typing import Protocol
 
 
 class Checkpoints(Protocol):
-    """Keeps the last checkpoint of one computation."""
+    """Storage for the last checkpoint of one computation."""
 
     def last(self) -> bytes | None:
-        """Give what was kept last; `None` where the computation begins."""
+        """Return the checkpoint that was stored last; `None` where the computation begins."""
 
     def keep(self, make: Callable[[], bytes]) -> None:
-        """Keep what `make` gives; called often, it asks for one from time to time."""
+        """Store a checkpoint.
+
+        Parameters ---------- make : function
+            Makes the checkpoint's bytes. Computations call `keep` often; the storage calls `make` only from time to
+            time.
+        """
 
 
 class NoCheckpoints:
-    """Keeps nothing."""
+    """Storage that keeps nothing: every computation begins anew."""
 
     def last(self) -> bytes | None:
-        """Give nothing."""
+        """Return None: there is never a checkpoint."""
         return None
 
     def keep(self, make: Callable[[], bytes]) -> None:
-        """Keep nothing."""
+        """Ignore the checkpoint."""

@@ -1,4 +1,4 @@
-"""What a robot can be described in: known also where nothing of the robot is read."""
+"""The formats of robot descriptions; this module loads no reader of any of them."""
 
 from __future__ import annotations
 

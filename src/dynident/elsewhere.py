@@ -1,4 +1,4 @@
-"""Who else may work on the parts of one computation: other machines, where somebody says so."""
+"""Other machines that take parts of one computation, where the caller allows it."""
 
 from __future__ import annotations
 
@@ -14,49 +14,73 @@ _Result = TypeVar("_Result")
 
 
 class NotElsewhere(Exception):
-    """A part that was sent away was not worked on there, and nobody there is to be asked again."""
+    """Raised where a part that was sent away was not computed there, and that machine is not to be asked again."""
 
 
 class Busy(NotElsewhere):
-    """The same, but whoever is there may be asked again in a while."""
+    """Raised where a part was not computed there, but that machine may be asked again after a while."""
 
 
 class Elsewhere(Protocol):
-    """Others who take parts of a computation; whoever asks them computes himself what they do not give back."""
+    """Other machines that take parts of a computation; the caller computes itself whatever they do not return."""
 
     def places(
         self, work: Callable[[_Item, Progress], _Result], size: float
     ) -> Sequence[Callable[[_Item, Progress], _Result]]:
-        """Functions that have `work` of an item done elsewhere and wait for it, one for each item at the same time.
+        """Return functions that compute an item on another machine, one for each item that may be under way at a time.
 
-        None where it is not worth it, or what is to be done cannot be sent. They call what tells how far it is all the
-        time, as `work` does, and stop with what that raises; they raise `NotElsewhere` whatever goes wrong there: what
-        is wrong with the item itself shows here.
+        The functions are called as `work` is, and wait for the result. They call the progress function all the time and
+        stop with whatever it raises. Whatever goes wrong on the other machine they raise as `NotElsewhere`: if the item
+        itself is at fault, the same error shows when it is computed here.
 
         Parameters
         ----------
         work : function
-            Does the same here.
+            Computes an item here.
         size : float
             Of all items together, in samples.
+
+        Returns
+        -------
+        sequence of functions
+            Empty where sending is not worth it, or `work` cannot be sent.
         """
         ...
 
 
+# A context variable, not a global: the service computes for several callers in threads of one process.
 _others: ContextVar[Elsewhere | None] = ContextVar("others", default=None)
 
 
 @contextmanager
 def shared_with(others: Elsewhere) -> Iterator[None]:
-    """Let others take parts of what this thread computes meanwhile."""
-    before = _others.set(others)
+    """Let other machines take parts of what this thread computes within the with statement.
+
+    Parameters
+    ----------
+    others : Elsewhere
+    """
+    token = _others.set(others)
     try:
         yield
     finally:
-        _others.reset(before)
+        _others.reset(token)
 
 
 def places(work: Callable[[_Item, Progress], _Result], size: float) -> Sequence[Callable[[_Item, Progress], _Result]]:
-    """Those of the others that this thread shares with; see `Elsewhere.places`."""
-    others = _others.get()
-    return () if others is None else others.places(work, size)
+    """Return the functions that compute an item on the machines that this thread shares with.
+
+    Parameters
+    ----------
+    work : function
+        Computes an item here.
+    size : float
+        Of all items together, in samples.
+
+    Returns
+    -------
+    sequence of functions
+        As `Elsewhere.places` returns them; empty outside of `shared_with`.
+    """
+    other_machines = _others.get()
+    return () if other_machines is None else other_machines.places(work, size)

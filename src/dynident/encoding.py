@@ -1,4 +1,4 @@
-"""Text as bytes, whatever is in it."""
+"""Conversion of any text, including lone surrogates and control characters, to bytes and XML."""
 
 from __future__ import annotations
 
@@ -9,18 +9,44 @@ NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
 
 
 def without_control_characters(text: str) -> str:
-    """Return a text that an XML document may hold: what it may not is replaced by the sign for that."""
+    """Replace all characters that an XML document may not hold by U+FFFD, the replacement character.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+    """
     return NOT_XML.sub("\ufffd", text)
 
 
 def encode_text(text: str) -> bytes:
-    r"""Encode a text as UTF-8; halves of surrogate pairs, which have no code, are written as escapes: "\ud800".
+    r"""Encode a text as UTF-8; write halves of surrogate pairs, which have no code, as escapes: "\ud800".
 
     Names of files that are no UTF-8 hold such halves, and so may JSON.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    bytes
     """
     return text.encode("utf-8", "backslashreplace")
 
 
 def encodable(text: str) -> str:
-    """Return the text as `encode_text` writes it, for what encodes by itself."""
+    """Return a text with its lone surrogates escaped as by `encode_text`, for writers that encode by themselves.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+    """
     return encode_text(text).decode("utf-8")

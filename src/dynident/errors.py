@@ -1,17 +1,17 @@
-"""What goes wrong for a reason that the user can mend."""
+"""Errors whose cause the user can remove."""
 
 from __future__ import annotations
 
 
 class DynidentError(ValueError):
-    """Input that cannot be used as it is; the message says what is wrong, where, and what would be right.
+    """Raised for input that cannot be used as it is; the message says what is wrong, where, and what would be right.
 
     Parameters
     ----------
     detail : str
         The sentence for the user.
     pointer : str
-        Where: a JSON pointer into the request ("/drives/joint2/drive_gain"), a column of a file ("q3"), or "".
+        The place: a JSON pointer into the request ("/drives/joint2/drive_gain"), a column of a file ("q3"), or "".
     title : str
         A few words for the kind of problem, the same for every instance of it.
     """
@@ -23,7 +23,8 @@ class DynidentError(ValueError):
         self.title = title
 
     def __reduce__(self) -> tuple[object, ...]:
-        # Crosses process borders with its fields (jobs run in child processes).
+        # Jobs run in child processes. By default an exception is pickled with its `args` alone, which would lose
+        # pointer and title.
         return (_rebuild, (type(self), self.detail, self.pointer, self.title))
 
 
@@ -32,6 +33,7 @@ class Cancelled(Exception):
 
 
 def _rebuild(kind: type[DynidentError], detail: str, pointer: str, title: str) -> DynidentError:
+    # Subclasses have constructors with further parameters. Only the fields of this class cross the border.
     error = kind.__new__(kind)
     DynidentError.__init__(error, detail, pointer=pointer, title=title)
     return error

@@ -1,4 +1,4 @@
-"""Which extra of the distribution brings a package: for those who installed less than they use."""
+"""The extras of the distribution and the packages that each brings, for installations that lack some."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from types import ModuleType
 
-# The import names of what [science] brings. What is neither here nor in FEW_NEED comes with [service].
+# The import names of the packages in [science]. A package that is neither here nor in FEW_NEED comes with [service].
 SCIENCE = (
     "casadi",
     "clarabel",
@@ -37,25 +37,43 @@ FEW_NEED = {
     "rosbags": "formats",
     "xacro": "formats",
 }
-"""Import names, and the extra of each, of what is left out where it is not used."""
-# These rooms of the library need none of them.
+"""Import names of packages that only some users need, with the extra that brings each."""
+# These modules of the library need none of the packages, so that they can be imported everywhere.
 _LIGHT = ("errors", "extras", "lazy", "version")
 
 
 def install_hint(package: str) -> str:
-    """Say which extra brings a package that is missing."""
+    """Return the sentence that says how to install a missing package.
+
+    Parameters
+    ----------
+    package : str
+        Its import name, or that of a module in it.
+
+    Returns
+    -------
+    str
+    """
     name = package.partition(".")[0]
     extra = FEW_NEED.get(name, "science" if name in SCIENCE else "service")
     return f"install it with: pip install 'dynident[{extra}]'"
 
 
 def missing_science() -> str | None:
-    """The first package of [science] that is not installed; `None` where all are."""
+    """Return the import name of the first package of [science] that is not installed; `None` where all are."""
     return next((name for name in SCIENCE if find_spec(name) is None), None)
 
 
 class RoomsThatNeedScience(MetaPathFinder):
-    """Stands in the way of `import dynident.robot` where `package` is missing, and says what to install."""
+    """An import hook that refuses the modules of this library which need a package that is not installed.
+
+    Without it, `import dynident.robot` would end in an error about a package that the user never asked for.
+
+    Parameters
+    ----------
+    package : str
+        Import name of the missing package.
+    """
 
     def __init__(self, package: str) -> None:
         self._package = package
@@ -63,12 +81,23 @@ class RoomsThatNeedScience(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Leave all imports but those of the library's rooms to others.
+        """Return None for all modules but those of this library, which leaves them to the other finders.
+
+        Parameters
+        ----------
+        fullname : str
+            Dotted name of the module that is imported.
+        path, target
+            Unused; the protocol of import hooks has them.
+
+        Returns
+        -------
+        None
 
         Raises
         ------
         ModuleNotFoundError
-            A room is imported.
+            For a module of this library that needs the missing package; it says what to install.
         """
         owner, _, room = fullname.partition(".")
         if owner != "dynident" or not room or room.partition(".")[0] in _LIGHT:

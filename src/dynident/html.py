@@ -1,15 +1,30 @@
-"""Small pieces of HTML, for what a notebook shows of a result."""
+"""Pieces of HTML for the representation of results in notebooks."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
 
+# Styles stand in the elements themselves: notebooks drop style sheets from what they show.
 _CELL = "padding:2px 10px 2px 0"
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, right_from: int = 1) -> str:
-    """A table of texts; columns from the number `right_from` on hold figures and stand to the right."""
+    """Return a table of texts.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        The heads.
+    rows : iterable of sequences of str
+        Texts, which are escaped; each row as long as `columns`.
+    right_from : int
+        Columns from this index on hold numbers and are aligned to the right.
+
+    Returns
+    -------
+    str
+    """
 
     def cells(tag: str, texts: Sequence[str]) -> str:
         return "".join(
@@ -23,22 +38,34 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, right_from: 
 
 
 def paragraph(text: str, *, strong: bool = False) -> str:
-    """A paragraph of plain text."""
+    """Return a paragraph of plain text, which is escaped; bold where `strong` is true."""
     inner = f"<strong>{escape(text)}</strong>" if strong else escape(text)
     return f'<p style="margin:4px 0">{inner}</p>'
 
 
 def listed(texts: Iterable[str]) -> str:
-    """A list of plain texts; nothing where there are none."""
+    """Return a bulleted list of plain texts, which are escaped; "" where there are none."""
     items = "".join(f"<li>{escape(text)}</li>" for text in texts)
     return f'<ul style="margin:4px 0">{items}</ul>' if items else ""
 
 
 def folded(title: str, content: str) -> str:
-    """HTML that opens at a click on its title."""
+    """Return HTML that shows its title and opens at a click.
+
+    Parameters
+    ----------
+    title : str
+        Plain text, which is escaped.
+    content : str
+        HTML.
+
+    Returns
+    -------
+    str
+    """
     return f"<details><summary>{escape(title)}</summary>{content}</details>"
 
 
 def block(*parts: str) -> str:
-    """HTML under one roof."""
+    """Return pieces of HTML as one element."""
     return f"<div>{''.join(parts)}</div>"

@@ -1,4 +1,7 @@
-"""Kinds of which a request takes one, each a frozen dataclass in a file of its own, with its words and its options."""
+"""Registries of interchangeable classes, such as estimators, of which a request names one.
+
+Each class is a frozen dataclass in a file of its own, with its description and its options as fields.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,20 @@ _LAST = 100
 
 @dataclass(frozen=True)
 class Kind:
-    """One of several, with the options that it alone takes as its fields.
+    """One class of a registry; its fields are the options that it alone takes.
 
-    `name` is what it is asked for by, `label` what people call it, `words` what it is for, in a line; `place` decides
-    where it stands in lists.
+    Attributes
+    ----------
+    name : str
+        The name by which a request asks for it.
+    label : str
+        What people call it.
+    words : str
+        What it is for, in a line.
+    brief : str
+        The same in a few words, for a line of help.
+    place : int
+        Position in lists, lowest first; classes of the same place are in the order of their names.
     """
 
     name: ClassVar[str] = ""
@@ -32,29 +45,35 @@ class Kind:
 
     @property
     def in_words(self) -> str:
-        """The name, with the options that differ from their defaults."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
-        chosen = [f"{one.name} {values[one.name]}" for one in fields(self) if values[one.name] != default_of(one)]
+        """The name, followed by the options that differ from their defaults."""
+        values = {option.name: getattr(self, option.name) for option in fields(self)}
+        chosen = [
+            f"{option.name} {values[option.name]}"
+            for option in fields(self)
+            if values[option.name] != default_of(option)
+        ]
         return f"{self.name} ({', '.join(chosen)})" if chosen else self.name
 
     @property
     def asked(self) -> Kind | str:
-        """How it is asked for: by its name alone where no option differs from its default."""
-        plain = all(getattr(self, one.name) == default_of(one) for one in fields(self))
-        return self.name if plain else self
+        """The value of the request's field: the name alone where no option differs from its default."""
+        is_default = all(getattr(self, option.name) == default_of(option) for option in fields(self))
+        return self.name if is_default else self
 
 
 class Kinds(Generic[KindT]):
-    """All kinds that the modules of a package define, by their names: a new one is a new file in it.
+    """The registry of all kinds that the modules of a package define, by their names.
+
+    A new file in the package is a new kind.
 
     Parameters
     ----------
     package : str
-        Its modules are imported when the first kind is looked for.
+        Its modules are imported at the first look-up.
     base : type
-        What every kind is a subclass of.
+        The base class of every kind.
     what : str
-        What one of them is called in messages, and the field that asks for it.
+        The name of the request's field, which messages use as the word for one kind.
     """
 
     def __init__(self, package: str, base: type[object], what: str) -> None:
@@ -65,14 +84,16 @@ class Kinds(Generic[KindT]):
     @cached_property
     def by_name(self) -> Mapping[str, type[KindT]]:
         """The kinds by their names, in their order."""
-        found: dict[str, type[KindT]] = {}
-        for one in iter_modules(import_module(self.package).__path__):
-            module = import_module(f"{self.package}.{one.name}")
+        kinds: dict[str, type[KindT]] = {}
+        for module_info in iter_modules(import_module(self.package).__path__):
+            module = import_module(f"{self.package}.{module_info.name}")
+            # Only classes that the module defines itself: a module may import the base class, or another kind to derive
+            # from.
             for value in vars(module).values():
                 if isinstance(value, type) and issubclass(value, self.base) and value.__module__ == module.__name__:
                     kind: type[KindT] = value
-                    found[kind.name] = kind
-        return dict(sorted(found.items(), key=lambda item: (item[1].place, item[0])))
+                    kinds[kind.name] = kind
+        return dict(sorted(kinds.items(), key=lambda item: (item[1].place, item[0])))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -81,52 +102,83 @@ class Kinds(Generic[KindT]):
 
     @property
     def choices(self) -> tuple[Choice, ...]:
-        """Their names and words, in their order."""
-        return tuple(Choice(one.name, one.label, one.words, one.brief) for one in self)
+        """Names and descriptions of all kinds, in their order."""
+        return tuple(Choice(kind.name, kind.label, kind.words, kind.brief) for kind in self)
 
     def __iter__(self) -> Iterator[type[KindT]]:
         """Go through the kinds in their order."""
         return iter(self.by_name.values())
 
     def having(self, trait: str) -> tuple[str, ...]:
-        """Names of the kinds of which something is true."""
-        return tuple(one.name for one in self if getattr(one, trait))
+        """Return the names of the kinds whose attribute `trait` is true."""
+        return tuple(kind.name for kind in self if getattr(kind, trait))
 
-    def one(self, asked: KindT | str) -> KindT:
-        """The kind of a name, or the one that was given.
+    def one(self, kind_or_name: KindT | str) -> KindT:
+        """Return the kind of a name with default options, or the kind that was given.
+
+        Parameters
+        ----------
+        kind_or_name : Kind or str
+
+        Returns
+        -------
+        Kind
 
         Raises
         ------
         DynidentError
-            Where there is no such kind.
+            Where there is no kind of this name.
         """
-        if not isinstance(asked, str):
-            return asked
-        if asked not in self.by_name:
+        if not isinstance(kind_or_name, str):
+            return kind_or_name
+        if kind_or_name not in self.by_name:
             raise DynidentError(
-                f"{asked!r} is no {self.what}; choose from: {', '.join(self.names)}", pointer=f"/{self.what}"
+                f"{kind_or_name!r} is no {self.what}; choose from: {', '.join(self.names)}", pointer=f"/{self.what}"
             )
-        return self.by_name[asked]()
+        return self.by_name[kind_or_name]()
 
     def of(self, document: Mapping[str, object] | str) -> KindT:
-        """The kind that a name says, or an object with `name` and options; `DynidentError` where it does not fit."""
+        """Return the kind that a JSON document states.
+
+        Parameters
+        ----------
+        document : mapping or str
+            A name, or an object with `name` and options.
+
+        Returns
+        -------
+        Kind
+
+        Raises
+        ------
+        DynidentError
+            Where there is no such kind or option, or an option is out of its range.
+        """
         if isinstance(document, str):
             return self.one(document)
         options = dict(document)
-        found = self.one(str(options.pop("name", "")))
-        known = [one.name for one in fields(found)]
+        default = self.one(str(options.pop("name", "")))
+        option_names = [option_field.name for option_field in fields(default)]
         for option in options:
-            if option not in known:
-                there = f"; it has: {', '.join(known)}" if known else ""
+            if option not in option_names:
+                choices = f"; it has: {', '.join(option_names)}" if option_names else ""
                 raise DynidentError(
-                    f"{self.what} {found.name} has no option {option!r}{there}", pointer=f"/{self.what}/{option}"
+                    f"{self.what} {default.name} has no option {option!r}{choices}", pointer=f"/{self.what}/{option}"
                 )
-        made = replace(found, **options)
-        check_ranges(made, f"/{self.what}")
-        return made
+        kind = replace(default, **options)
+        check_ranges(kind, f"/{self.what}")
+        return kind
 
     def written(self, text: str) -> KindT:
-        """The kind of a text: a name, or a name with options, `huber:threshold=1.5,rounds=20`.
+        """Return the kind that a text states: a name, or a name with options, `huber:threshold=1.5,rounds=20`.
+
+        Parameters
+        ----------
+        text : str
+
+        Returns
+        -------
+        Kind
 
         Raises
         ------
@@ -135,47 +187,79 @@ class Kinds(Generic[KindT]):
         """
         name, _, rest = text.partition(":")
         options: dict[str, Any] = {}
-        defaults = {one.name: default_of(one) for one in fields(self.one(name.strip()))}
+        defaults = {option_field.name: default_of(option_field) for option_field in fields(self.one(name.strip()))}
         for item in (part.strip() for part in rest.split(",") if part.strip()):
             option, sign, value = item.partition("=")
             if not sign:
                 raise DynidentError(f"cannot read {item!r} in {text!r}; write option=value", pointer=f"/{self.what}")
+            # An option that the kind does not have passes as text; `of` reports it by name.
             options[option.strip()] = _value(value.strip(), defaults.get(option.strip(), MISSING), self.what, item)
         return self.of({"name": name.strip(), **options})
 
     def told(self) -> str:
-        """The names, each with its words in short and its options, for a line of help."""
-        return ", ".join(_told(one) for one in self)
+        """Return the names, each with its short description and its options, for a line of help."""
+        return ", ".join(_told(kind) for kind in self)
 
 
-def name_of(asked: Kind | str) -> str:
-    """The name of what was asked for."""
-    return asked if isinstance(asked, str) else asked.name
+def name_of(kind_or_name: Kind | str) -> str:
+    """Return the name of a request's kind, which may be given by its name.
+
+    Parameters
+    ----------
+    kind_or_name : Kind or str
+
+    Returns
+    -------
+    str
+    """
+    return kind_or_name if isinstance(kind_or_name, str) else kind_or_name.name
 
 
-def words_of(asked: Kind | str) -> str:
-    """What was asked for in words: its name, with the options that were chosen."""
-    return asked if isinstance(asked, str) else asked.in_words
+def words_of(kind_or_name: Kind | str) -> str:
+    """Return a request's kind in words: its name, with the options that differ from their defaults.
+
+    Parameters
+    ----------
+    kind_or_name : Kind or str
+
+    Returns
+    -------
+    str
+    """
+    return kind_or_name if isinstance(kind_or_name, str) else kind_or_name.in_words
 
 
-def document_of(asked: Kind | str) -> str | dict[str, object]:
-    """What was asked for as it is written in JSON: its name, or an object with its options."""
-    if isinstance(asked, str):
-        return asked
-    return {"name": asked.name, **{one.name: getattr(asked, one.name) for one in fields(asked)}}
+def document_of(kind_or_name: Kind | str) -> str | dict[str, object]:
+    """Return a request's kind as JSON: its name, or an object with all its options.
+
+    Parameters
+    ----------
+    kind_or_name : Kind or str
+
+    Returns
+    -------
+    str or dict
+    """
+    if isinstance(kind_or_name, str):
+        return kind_or_name
+    return {
+        "name": kind_or_name.name,
+        **{option_field.name: getattr(kind_or_name, option_field.name) for option_field in fields(kind_or_name)},
+    }
 
 
-def _told(one: type[Kind]) -> str:
-    options = "".join(f":{option.name}=…" for option in fields(one)[:1]) + "".join(
-        f",{option.name}=…" for option in fields(one)[1:]
+def _told(kind: type[Kind]) -> str:
+    options = "".join(f":{option.name}=…" for option in fields(kind)[:1]) + "".join(
+        f",{option.name}=…" for option in fields(kind)[1:]
     )
-    return f"{one.name}{options} ({one.brief})" if one.brief else f"{one.name}{options}"
+    return f"{kind.name}{options} ({kind.brief})" if kind.brief else f"{kind.name}{options}"
 
 
-def _value(text: str, default: object, what: str, item: str) -> object:
+def _value(text: str, default: object, field_name: str, item: str) -> object:
     if not isinstance(default, (int, float)):
         return text
     try:
+        # The default has the type that the option takes, so that it also says how the text is read.
         return type(default)(text)
     except ValueError:
-        raise DynidentError(f"cannot read {item!r}; write a number", pointer=f"/{what}") from None
+        raise DynidentError(f"cannot read {item!r}; write a number", pointer=f"/{field_name}") from None

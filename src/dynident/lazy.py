@@ -1,4 +1,7 @@
-"""Names of a package that are loaded when they are used: what declares a request must not load what answers it."""
+"""Lazy exports of packages: a name's module is imported at the first use of the name.
+
+Modules that only declare requests can thus be imported without the code that answers them.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,19 @@ from importlib.abc import InspectLoader
 
 
 def lazily(package: str) -> Callable[[str], object]:
-    """The `__getattr__` of a package: each name comes from where the imports in its `__init__` say, if ever.
+    """Return a module-level `__getattr__` for a package, which imports each exported name at its first use.
 
-    They stand below `if TYPE_CHECKING`, once for type checkers and for this. No module of the package may be called
-    as a name of it: to import the one would hide the other.
+    The imports stand below `if TYPE_CHECKING` in the package's `__init__`, once for type checkers and for this
+    function. No module of the package may have the name of an export: importing the module would hide the export.
+
+    Parameters
+    ----------
+    package : str
+        The package's dotted name.
+
+    Returns
+    -------
+    function
     """
 
     def get(name: str) -> object:
@@ -22,6 +34,7 @@ def lazily(package: str) -> Callable[[str], object]:
         if home is None:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         value: object = getattr(import_module(home), name)
+        # With the name in the package's namespace Python does not call `get` again for it.
         setattr(sys.modules[package], name, value)
         return value
 
@@ -30,11 +43,22 @@ def lazily(package: str) -> Callable[[str], object]:
 
 @cache
 def homes_of(package: str) -> Mapping[str, str]:
-    """The module that each name comes from which a package imports for type checkers."""
+    """Return the module of every name that a package imports for type checkers alone.
+
+    Parameters
+    ----------
+    package : str
+        The dotted name of a package that is imported.
+
+    Returns
+    -------
+    mapping of name to dotted module
+    """
     spec = sys.modules[package].__spec__
     assert spec is not None
     assert isinstance(spec.loader, InspectLoader)
+    # By the loader, not from a file: the package may lie in a ZIP archive.
     source = spec.loader.get_source(package) or ""
-    branches = [one.body for one in ast.parse(source).body if isinstance(one, ast.If)]
-    imports = [one for body in branches for one in body if isinstance(one, ast.ImportFrom)]
-    return {name.name: one.module for one in imports if one.module for name in one.names}
+    branches = [node.body for node in ast.parse(source).body if isinstance(node, ast.If)]
+    imports = [node for body in branches for node in body if isinstance(node, ast.ImportFrom)]
+    return {name.name: node.module for node in imports if node.module for name in node.names}

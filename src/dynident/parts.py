@@ -1,4 +1,4 @@
-"""The parts of one computation on which several work: what nobody is at, what is elsewhere, what has been found."""
+"""A queue of the parts of one computation, which threads here and machines elsewhere take and give back."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ _Result = TypeVar("_Result")
 
 
 class Parts(Generic[_Result]):
-    """Shared by the threads of those who work here, and of those who wait for what others do elsewhere.
+    """The parts of one computation: which are free, which are on other machines, and the results so far.
 
-    What is late elsewhere is done here as well, and whoever is first counts: so it ends even if nothing ever comes
-    back.
+    The threads that compute here and those that wait for other machines share it. A part that is late elsewhere is
+    computed here as well, and the first result counts. So the computation ends even if no other machine ever answers.
 
     Parameters
     ----------
-    sizes : one a part
-        In samples.
+    sizes : sequence of float
+        Size of each part, in samples.
     """
 
     def __init__(self, sizes: Sequence[float]) -> None:
@@ -40,7 +40,10 @@ class Parts(Generic[_Result]):
         self._changed = Condition()
 
     def next_here(self) -> int | None:
-        """Give the next part to somebody here, who waits while one may still come back; None: there is none left."""
+        """Return the number of the next part to compute here; None where none is left.
+
+        Waits while a part may still come back from another machine.
+        """
         with self._changed:
             while not self._ended():
                 if self._free:
@@ -51,11 +54,12 @@ class Parts(Generic[_Result]):
                     return late
                 if not self._away:
                     return None
+                # Lateness comes with time alone, without a notification, so the wait has to end by itself.
                 self._changed.wait(_LOOK)
             return None
 
     def next_away(self) -> int | None:
-        """Give the next part that nobody is at to somebody elsewhere; None: there is none now."""
+        """Return the number of a free part for another machine; None where no part is free now."""
         with self._changed:
             if self._ended() or not self._free:
                 return None
@@ -64,37 +68,59 @@ class Parts(Generic[_Result]):
             return number
 
     def give_back(self, number: int) -> None:
-        """A part that was sent away is not worked on there."""
+        """Make a part available again that another machine did not compute."""
         with self._changed:
+            # A part that was late has already been taken over here and must not become free a second time.
             if self._away.pop(number, None) is not None and number not in self._found:
                 self._free.appendleft(number)
             self._changed.notify_all()
 
     def put(self, number: int, result: _Result, took_here: float = 0.0) -> None:
-        """Keep what came of a part, if nothing has yet, and how many seconds it took if it was worked on here."""
+        """Store the result of a part unless it has one, and learn from the time that it took.
+
+        Parameters
+        ----------
+        number : int
+            Of the part.
+        result : object
+        took_here : float
+            Seconds, if it was computed here; 0 otherwise.
+        """
         with self._changed:
             self._found.setdefault(number, result)
             self._away.pop(number, None)
+            # The slowest pace decides what is late, so that a part elsewhere is seldom computed twice for nothing.
             self._pace = max(self._pace, took_here / max(1.0, self._sizes[number]))
             self._changed.notify_all()
 
     def fail(self, error: BaseException) -> None:
-        """End it all: the first error counts."""
+        """End the computation with an error; the first error counts."""
         with self._changed:
             self._error = self._error or error
             self._changed.notify_all()
 
     def wants(self, number: int) -> bool:
-        """Tell whether somebody still waits for a part."""
+        """Return whether the result of a part is still needed."""
         return self._error is None and number not in self._found
 
     def wait(self, seconds: float) -> bool:
-        """Wait for the end, at most so long; tells whether it has come."""
+        """Wait for the end of the computation.
+
+        Parameters
+        ----------
+        seconds : float
+            Longest wait.
+
+        Returns
+        -------
+        bool
+            Whether it has ended.
+        """
         with self._changed:
             return self._changed.wait_for(self._ended, seconds)
 
     def results(self) -> list[_Result]:
-        """What came of all parts, in their order; raises what ended them."""
+        """Return the results of all parts in their order, or raise the error that ended the computation."""
         if self._error is not None:
             raise self._error
         return [self._found[number] for number in range(len(self._sizes))]

@@ -1,4 +1,4 @@
-"""How a long computation tells how far it is, and learns that nobody waits for it any more."""
+"""Progress reports of long computations, which also stop a computation that nobody waits for any more."""
 
 from __future__ import annotations
 
@@ -9,11 +9,24 @@ Progress = Callable[[float, str], None]
 
 
 def silent(fraction: float, message: str) -> None:
-    """Report to nobody."""
+    """Ignore the report: the default progress function."""
 
 
 def part(progress: Progress, first: float, last: float) -> Progress:
-    """Give the range from `first` to `last` of `progress` to a sub-task that counts from 0 to 1."""
+    """Return a progress function for a sub-task.
+
+    Parameters
+    ----------
+    progress : Progress
+        Of the whole task.
+    first, last : float
+        The fractions of the whole task at which the sub-task begins and ends.
+
+    Returns
+    -------
+    Progress
+        Takes fractions of the sub-task, from 0 to 1.
+    """
 
     def inner(fraction: float, message: str) -> None:
         progress(first + (last - first) * fraction, message)
@@ -22,7 +35,16 @@ def part(progress: Progress, first: float, last: float) -> Progress:
 
 
 def ascending(progress: Progress) -> Progress:
-    """The same, but what is begun again (another look, a second check) does not go back behind what was reached."""
+    """Return a progress function that never goes back, for tasks that repeat steps, such as a second check.
+
+    Parameters
+    ----------
+    progress : Progress
+
+    Returns
+    -------
+    Progress
+    """
     reached = 0.0
 
     def inner(fraction: float, message: str) -> None:

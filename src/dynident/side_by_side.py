@@ -1,7 +1,7 @@
-"""Large parts of one computation on several processors at once.
+"""A map over large items on several processors at once, by threads.
 
-By threads: what takes the time, machine code, filters and factors, holds no lock of Python's, and nothing has to be
-copied from one process to another. Where others elsewhere take parts (`elsewhere`), they are done there as well.
+Threads suffice: what takes the time, machine code, filters and factorisations, does not hold Python's lock, and nothing
+has to be copied between processes. Other machines take items as well where the caller allows it (`elsewhere`).
 """
 
 from __future__ import annotations
@@ -42,12 +42,14 @@ _Result = TypeVar("_Result")
 
 
 def processors() -> int:
-    """How many processors this process may use."""
+    """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def _quick_to_switch() -> Iterator[None]:
+    # With Python's usual interval of 5 ms a thread that returns from machine code would wait that long for the lock,
+    # many times a second.
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, _SWITCH))
     try:
@@ -62,13 +64,13 @@ def one_by_one(
     sizes: Sequence[float],
     progress: Progress = silent,
 ) -> list[_Result]:
-    """`work` of every item in turn, as `side_by_side`."""
-    whole, before = float(sum(sizes)) or 1.0, 0.0
-    found = []
+    """Apply `work` to every item in turn; takes and returns the same as `side_by_side`."""
+    total_size, before = float(sum(sizes)) or 1.0, 0.0
+    results = []
     for item, size in zip(items, sizes, strict=True):
-        found.append(work(item, part(progress, before / whole, min(1.0, (before + size) / whole))))
+        results.append(work(item, part(progress, before / total_size, min(1.0, (before + size) / total_size))))
         before += size
-    return found
+    return results
 
 
 def side_by_side(
@@ -77,49 +79,59 @@ def side_by_side(
     sizes: Sequence[float],
     progress: Progress = silent,
 ) -> list[_Result]:
-    """`work` of every item, in their order; as many at a time as there are processors where they are large.
+    """Apply `work` to every item, in threads where the items are large; return the results in the items' order.
 
-    Whoever is done takes the next one, and those elsewhere that this thread shares with (`elsewhere.shared_with`) do,
-    too: `work` has to give the same wherever it is done.
+    A thread that is done takes the next item. Other machines that this thread shares with (`elsewhere.shared_with`)
+    take items, too, so `work` has to give the same result wherever it runs.
 
     Parameters
     ----------
     work : function
-        Takes an item, and what it tells how far it is; that stops it once nobody waits for the result.
-    sizes : one an item
-        In samples: by them progress is counted.
+        Takes an item and a progress function, which stops it once its result is not needed any more.
+    items : sequence
+    sizes : sequence of float
+        Size of each item in samples; progress is counted by them.
     progress : function
         Called by the calling thread alone.
 
+    Returns
+    -------
+    list
+        The result of each item.
+
     Raises
     ------
-    Whatever the work of an item raises, the others being stopped.
+    Exception
+        Whatever the work of an item raises; the other items are then stopped.
     """
-    whole = float(sum(sizes)) or 1.0
-    if len(items) < 2 or whole < WORTH:
+    total_size = float(sum(sizes)) or 1.0
+    if len(items) < 2 or total_size < WORTH:
         return one_by_one(work, items, sizes, progress)
-    at_once, others = min(len(items), processors()), places(work, whole)[: len(items)]
-    if at_once + len(others) < 2:
+    n_threads, other_machines = min(len(items), processors()), places(work, total_size)[: len(items)]
+    if n_threads + len(other_machines) < 2:
         return one_by_one(work, items, sizes, progress)
     shared = _Shared(work, items, sizes)
-    with _quick_to_switch(), ThreadPoolExecutor(at_once + len(others)) as pool:
-        for _ in range(at_once):
+    with _quick_to_switch(), ThreadPoolExecutor(n_threads + len(other_machines)) as pool:
+        for _ in range(n_threads):
             pool.submit(shared.work_here)
-        for place in others:
+        for place in other_machines:
             pool.submit(shared.have_done, place)
         try:
+            # The calling thread only waits and reports: progress functions need not be thread-safe.
             ended = False
             while not ended:
                 ended = shared.parts.wait(_LOOK)
                 progress(shared.fraction, shared.name)
         except BaseException as error:
+            # The progress function raised, that is, the computation is cancelled. All threads stop at their next
+            # report.
             shared.parts.fail(error)
             raise
     return shared.parts.results()
 
 
 class _Shared(Generic[_Item, _Result]):
-    """The work on several items, among those who do it here and those who wait for others."""
+    """One call's items, their progress, and the loops of the threads that work on them."""
 
     def __init__(
         self, work: Callable[[_Item, Progress], _Result], items: Sequence[_Item], sizes: Sequence[float]
@@ -139,7 +151,7 @@ class _Shared(Generic[_Item, _Result]):
         return min(1.0, done / (float(sum(self._sizes)) or 1.0))
 
     def work_here(self) -> None:
-        """Do one item after the other until none is left."""
+        """Compute one item after the other in this thread until none is left."""
         _own.one_of_several = True
         while (number := self.parts.next_here()) is not None:
             began = time.monotonic()
@@ -147,12 +159,15 @@ class _Shared(Generic[_Item, _Result]):
                 result = self._work(self._items[number], self._teller(number))
                 self.parts.put(number, result, time.monotonic() - began)
             except BaseException as error:
-                # Of one that somebody else has done meanwhile nothing is wanted.
+                # Another machine may have delivered this item meanwhile; then an error here does not matter.
                 if self.parts.wants(number):
                     self.parts.fail(error)
 
     def have_done(self, place: Callable[[_Item, Progress], _Result]) -> None:
-        """Have others do one item after the other; what they do not is done here, which says what is wrong with it."""
+        """Have another machine compute one item after the other.
+
+        An item that fails there is given back and computed here, where its own error, if it has one, is raised.
+        """
         while (number := self.parts.next_away()) is not None:
             try:
                 self.parts.put(number, place(self._items[number], self._teller(number)))
@@ -177,27 +192,34 @@ class _Shared(Generic[_Item, _Result]):
 
 
 def ahead(items: Iterator[_Item], size: float) -> Generator[_Item, None, None]:
-    """The items in their order, made by another thread while those before them are worked on, where that is worth it.
+    """Yield items in their order while another thread already makes the next ones, where that is worth it.
 
     Parameters
     ----------
+    items : iterator
     size : float
-        Of all items together, in the samples of `WORTH`.
+        Of all items together, in samples; below `WORTH` no thread is started.
+
+    Yields
+    ------
+    item
 
     Raises
     ------
-    Whatever making an item raises, when it is its turn.
+    Exception
+        Whatever making an item raises, when it is that item's turn.
     """
+    # A thread that is one of several already shares all processors with the others; one more would only compete.
     if processors() < 2 or size < WORTH or getattr(_own, "one_of_several", False):
         yield from items
         return
-    made: Queue[tuple[_Item | None, BaseException | None]] = Queue(_WAITING)
+    ready: Queue[tuple[_Item | None, BaseException | None]] = Queue(_WAITING)
     over = Event()
 
     def put(item: _Item | None, error: BaseException | None = None) -> None:
         while not over.is_set():
             with suppress(Full):
-                made.put((item, error), timeout=_LOOK)
+                ready.put((item, error), timeout=_LOOK)
                 return
         raise Cancelled
 
@@ -217,7 +239,7 @@ def ahead(items: Iterator[_Item], size: float) -> Generator[_Item, None, None]:
         maker.start()
         try:
             while True:
-                item, error = made.get()
+                item, error = ready.get()
                 if error is not None:
                     raise error
                 if item is None:
@@ -225,7 +247,8 @@ def ahead(items: Iterator[_Item], size: float) -> Generator[_Item, None, None]:
                 yield item
         finally:
             over.set()
+            # The maker may be waiting for room in the queue. Emptying it lets the thread see `over` and end.
             with suppress(Empty):
                 while True:
-                    made.get_nowait()
+                    ready.get_nowait()
             maker.join()

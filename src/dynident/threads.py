@@ -1,7 +1,7 @@
-"""BLAS on one thread, where matrices are small.
+"""A decorator that runs BLAS on one thread, for functions whose matrices are small.
 
 On matrices of 100 x 60 a multi-threaded BLAS spends its time waking threads: the same identification takes up to ten
-times as long, and varies from run to run.
+times as long, and the time varies from run to run.
 """
 
 from __future__ import annotations
@@ -17,7 +17,17 @@ _Result = TypeVar("_Result")
 
 
 def single_threaded(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Run a function with BLAS on one thread."""
+    """Decorate a function so that BLAS uses one thread while it runs.
+
+    Parameters
+    ----------
+    function : callable
+
+    Returns
+    -------
+    callable
+        Of the same signature.
+    """
 
     @wraps(function)
     def limited(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:

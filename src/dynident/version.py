@@ -1,3 +1,3 @@
-"""The version, in the one place that every part reads it from."""
+"""The version of the distribution."""
 
 __version__ = "0.1.0"

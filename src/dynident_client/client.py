@@ -1,4 +1,4 @@
-"""The client: a connection to one service, with its collections."""
+"""The client of one service."""
 
 from __future__ import annotations
 
@@ -35,6 +35,11 @@ class Client:
         Seconds to wait for an answer; computations may take as long as they like, see `wait`.
     transport : httpx2.BaseTransport, optional
         Another way to reach the service, for tests.
+
+    Examples
+    --------
+    >>> client = Client("http://127.0.0.1:8000")
+    >>> robot = client.robots.create("arm", urdf=Path("arm.urdf"))
     """
 
     def __init__(
@@ -66,19 +71,25 @@ class Client:
         return self._transport.get("/v1/effects", answers.Catalogue)["items"]
 
     def health(self) -> answers.Health:
-        """Ask whether the service answers."""
+        """Read whether the service answers."""
         return self._transport.get("/healthz", answers.Health)
 
     def readiness(self) -> answers.Readiness:
-        """Ask whether database, objects and engine work; a ProblemError with status 503 if not."""
+        """Read whether database, object store and engine work.
+
+        Raises
+        ------
+        ProblemError
+            With status 503 where one of them does not.
+        """
         return self._transport.get("/readyz", answers.Readiness)
 
     def usage(self) -> list[answers.KeyUsage]:
-        """Ask what this key has stored and under way, and how much it may; all keys, of one that allows everything."""
+        """Read what this key has stored and under way, and how much it may; all keys for a key with all rights."""
         return self._transport.get("/v1/usage", answers.UsageView)["items"]
 
     def metrics(self) -> str:
-        """Read the figures for Prometheus."""
+        """Read the metrics for Prometheus."""
         return self._transport.get_bytes("/metrics").decode()
 
     def close(self) -> None:
@@ -86,7 +97,7 @@ class Client:
         self._transport.close()
 
     def __enter__(self) -> Self:
-        """Use it in a with statement."""
+        """Return the client, for a with statement."""
         return self
 
     def __exit__(

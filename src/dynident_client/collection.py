@@ -1,4 +1,4 @@
-"""What all collections of resources have in common."""
+"""The base of all collections of resources."""
 
 from __future__ import annotations
 
@@ -19,20 +19,56 @@ class Collection(Generic[RecordT]):
 
     @property
     def path(self) -> str:
-        """Where they are."""
+        """The path of the collection."""
         return self.kind.path
 
     def get(self, resource: Record | str) -> RecordT:
-        """Read one."""
+        """Read one resource.
+
+        Parameters
+        ----------
+        resource : Record or str
+            The resource or its identifier.
+
+        Returns
+        -------
+        Record
+        """
         return self._record(self._transport.get(f"{self.path}/{id_of(resource)}", dict))
 
     def page(self, limit: int | None = None, cursor: str | None = None, **narrow: Param) -> Page[RecordT]:
-        """Read a part of the list, newest first."""
+        """Read a part of the list, newest first.
+
+        Parameters
+        ----------
+        limit : int, optional
+            Most resources in the part.
+        cursor : str, optional
+            Of the part before; None for the first part.
+        narrow
+            Filters of this kind of resource.
+
+        Returns
+        -------
+        Page
+        """
         data = self._transport.get(self.path, Part, limit=limit, cursor=cursor, **narrow)
-        return Page([self._record(one) for one in data["items"]], data["cursor"])
+        return Page([self._record(record) for record in data["items"]], data["cursor"])
 
     def all(self, limit: int | None = None, **narrow: Param) -> Iterator[RecordT]:
-        """Go through the whole list, newest first; `limit` says how many are read at a time."""
+        """Yield all resources, newest first.
+
+        Parameters
+        ----------
+        limit : int, optional
+            How many are read at a time.
+        narrow
+            Filters of this kind of resource.
+
+        Yields
+        ------
+        Record
+        """
         cursor = None
         while True:
             part = self.page(limit, cursor, **narrow)
@@ -41,7 +77,17 @@ class Collection(Generic[RecordT]):
                 return
 
     def delete(self, resource: Record | str) -> None:
-        """Delete one; a ProblemError 409 while others rest on it."""
+        """Delete one resource.
+
+        Parameters
+        ----------
+        resource : Record or str
+
+        Raises
+        ------
+        ProblemError
+            With status 409 while other resources depend on it.
+        """
         self._transport.delete(f"{self.path}/{id_of(resource)}")
 
     def _post(self, body: Mapping[str, object], below: str = "") -> RecordT:
@@ -52,8 +98,8 @@ class Collection(Generic[RecordT]):
 
 
 def with_identifiers(body: Mapping[str, object]) -> dict[str, object]:
-    """Give the same with the identifier of each resource in its place."""
-    return {name: _identified(one) for name, one in body.items()}
+    """Return a body of a request in which each resource is replaced by its identifier."""
+    return {name: _identified(value) for name, value in body.items()}
 
 
 def _identified(value: object) -> object:
@@ -62,5 +108,5 @@ def _identified(value: object) -> object:
     if isinstance(value, Mapping):
         return with_identifiers(value)
     if isinstance(value, list | tuple):
-        return [_identified(one) for one in value]
+        return [_identified(element) for element in value]
     return value

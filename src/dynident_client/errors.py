@@ -1,4 +1,4 @@
-"""What goes wrong between a program and the service."""
+"""Errors of the service's answers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,13 @@ from dynident_client.answers import Problem, ProblemField
 
 
 class ProblemError(Exception):
-    """The service refused a request (RFC 9457): `problem` is its answer, `status`, `title` and `detail` of it."""
+    """Raised where the service refuses a request (RFC 9457).
+
+    Attributes
+    ----------
+    problem : Problem
+        The body of the answer; `status`, `title` and `detail` are taken from it.
+    """
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -22,8 +28,8 @@ class ProblemError(Exception):
 
 
 class JobFailed(ProblemError):
-    """A computation could not be done."""
+    """Raised where a computation has failed."""
 
 
 class JobCancelled(Exception):
-    """A computation was cancelled."""
+    """Raised where a computation was cancelled."""

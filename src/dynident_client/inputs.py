@@ -1,4 +1,4 @@
-"""Collections of what identifications start from: robots, measurements, designs, simulations."""
+"""Collections of the resources that identifications start from: robots, measurements, designs, simulations."""
 
 from __future__ import annotations
 
@@ -36,59 +36,103 @@ class Robots(Labelled[Robot]):
         modified_dh: Mapping[str, object] | str | None = None,
         **more: Unpack[RobotOptions],
     ) -> Robot:
-        """Store a robot from its URDF or MJCF (a path, or the text) or its modified Denavit-Hartenberg table."""
-        described = {"urdf": urdf, "mjcf": mjcf, "modified_dh": modified_dh}
-        given = {form: content for form, content in described.items() if content is not None}
-        if len(given) != 1:
+        """Store a robot.
+
+        Parameters
+        ----------
+        name : str
+        urdf, mjcf : Path or str
+            A path, or the text of the description.
+        modified_dh : mapping or str
+            A modified Denavit-Hartenberg table. Just one of the three descriptions is given.
+        more
+            As `RobotOptions` has it.
+
+        Returns
+        -------
+        Robot
+        """
+        descriptions = {"urdf": urdf, "mjcf": mjcf, "modified_dh": modified_dh}
+        stated = {form: content for form, content in descriptions.items() if content is not None}
+        if len(stated) != 1:
             raise ValueError("give one of urdf, mjcf and modified_dh")
-        [(form, content)] = given.items()
+        [(form, content)] = stated.items()
         text = content.read_text() if isinstance(content, Path) else content
         return self._post({"name": name, "description": {"format": form, "content": text}, **more})
 
     def geometry(self, robot: Robot | str) -> answers.GeometryView:
-        """Read where the robot's links are: the frames of its joints capsules around what they carry, and meshes."""
+        """Read where the robot's links are: the frames of its joints, capsules around the links, and meshes."""
         return self._transport.get(f"{self.path}/{id_of(robot)}/geometry", answers.GeometryView)
 
     def poses(self, robot: Robot | str, positions: Sequence[Sequence[float]]) -> answers.PosesView:
-        """Read where the frames of its geometry are at positions [posture][joint]: 12 numbers each, row by row.
+        """Read where the frames of the geometry are at some postures.
 
-        None for what moves in a loop that cannot be closed there.
+        Parameters
+        ----------
+        robot : Robot or str
+        positions : sequence of postures
+            [posture][joint], rad or m.
+
+        Returns
+        -------
+        answers.PosesView
+            12 numbers for each frame, row by row; None for a frame in a loop that cannot be closed at that posture.
         """
-        body = {"positions": [list(one) for one in positions]}
+        body = {"positions": [list(posture) for posture in positions]}
         return self._transport.post(f"{self.path}/{id_of(robot)}/poses", answers.PosesView, body)
 
     def send_meshes(self, robot: Robot | str, folder: Path | str) -> answers.MeshesView:
         """Send the files below a folder that have the name of a mesh of the robot's description.
 
-        Gives the meshes that the description names, each with what was stored for it, and the files that are none.
+        Parameters
+        ----------
+        robot : Robot or str
+        folder : Path or str
+
+        Returns ------- answers.MeshesView
+            The meshes that the description names, each with what was stored for it, and the files that are none of
+            them.
         """
-        needed = {PurePosixPath(one["name"]).name.casefold() for one in self.get(robot)["meshes"]}
+        # By the last part of the name, in small letters: descriptions often come from systems that ignore case.
+        needed = {PurePosixPath(mesh["name"]).name.casefold() for mesh in self.get(robot)["meshes"]}
         below = Path(folder)
-        found = [one for one in sorted(below.rglob("*")) if one.is_file() and one.name.casefold() in needed]
-        if not found:
+        mesh_files = [path for path in sorted(below.rglob("*")) if path.is_file() and path.name.casefold() in needed]
+        if not mesh_files:
             raise ValueError(f"no file below {below} has the name of a mesh of the robot: {', '.join(sorted(needed))}")
-        return self.put_meshes(robot, {one.relative_to(below.parent).as_posix(): one for one in found})
+        return self.put_meshes(robot, {path.relative_to(below.parent).as_posix(): path for path in mesh_files})
 
     def put_meshes(self, robot: Robot | str, files: Mapping[str, Path]) -> answers.MeshesView:
         """Send files of meshes by their names, as `send_meshes` does those of a folder."""
         return self._transport.put_files(f"{self.path}/{id_of(robot)}/meshes", answers.MeshesView, files)
 
     def bundle(self, robot: Robot | str) -> Iterator[bytes]:
-        """Give a robot with all that rests on it as a ZIP, in pieces, for `dynident import-robot` elsewhere."""
+        """Read a robot with all that depends on it as a ZIP, in pieces, for `dynident import-robot` elsewhere."""
         return self._transport.stream(f"{self.path}/{id_of(robot)}/bundle")
 
 
 class Imports(Collection[Import]):
-    """Files that were looked at before they are used."""
+    """Files that are inspected before they are used."""
 
     kind = Import
 
     def upload(
         self, robot: Record | str, file: Files, *, name: str | None = None, **more: Unpack[MeasurementOptions]
     ) -> Import:
-        """Upload a file in any format that is read, or several that are one recording, to have its columns told.
+        """Upload a file, or several that are one recording, for an inspection of its columns.
 
-        `more`: role, windows, columns, units, rate, as far as they are known.
+        Parameters
+        ----------
+        robot : Record or str
+        file : path, or several
+            In any format that can be read.
+        name : str, optional
+            The file's name without the ending by default.
+        more
+            Role, windows, columns, units, rate, as far as they are known.
+
+        Returns
+        -------
+        Import
         """
         paths = _paths(file)
         metadata = {"robot_id": id_of(robot), "name": name or paths[0].stem, **more}
@@ -103,15 +147,38 @@ class Measurements(Labelled[Measurement]):
     def upload(
         self, robot: Record | str, file: Files, *, name: str | None = None, **more: Unpack[MeasurementOptions]
     ) -> Measurement:
-        """Upload a recording in any format that is read, in one file or in several."""
+        """Upload a recording.
+
+        Parameters
+        ----------
+        robot : Record or str
+        file : path, or several
+            In any format that can be read; several files that are one recording.
+        name : str, optional
+            The file's name without the ending by default.
+        more
+            As `MeasurementOptions` has it.
+
+        Returns
+        -------
+        Measurement
+        """
         paths = _paths(file)
         metadata = {"robot_id": id_of(robot), "name": name or paths[0].stem, **more}
         return self._record(self._transport.upload(self.path, dict, paths, {"metadata": json.dumps(metadata)}))
 
     def revise(self, measurement: Record | str, **changes: Unpack[RevisionOptions]) -> Measurement:
-        """Say something else of a measurement's file: a new measurement, whose parent is this one; no upload.
+        """Change the metadata of a measurement's file: a new measurement, whose parent is this one, without an upload.
 
-        `changes` may be what a check has under `apply`.
+        Parameters
+        ----------
+        measurement : Record or str
+        changes
+            As `RevisionOptions` has it; also the `apply` of a check.
+
+        Returns
+        -------
+        Measurement
         """
         return self._post(changes, f"/{id_of(measurement)}/revisions")
 
@@ -124,24 +191,37 @@ class Measurements(Labelled[Measurement]):
         end: float | None = None,
         points: int | None = None,
     ) -> answers.RawSignals:
-        """Read signals as they were recorded (all q and tau where none is named): t, signals, units, n_samples.
+        """Read signals as they were recorded.
 
-        With `points` they are thinned to about so many, extremes among them; else all of them from `start` to `end`.
+        Parameters
+        ----------
+        measurement : Record or str
+        signals : sequence of str
+            All q and tau where none is named.
+        start, end : float, optional
+            Seconds of t.
+        points : int, optional
+            The signals are thinned to about so many points, with their extremes; None: all samples.
+
+        Returns
+        -------
+        answers.RawSignals
+            t, signals, units, n_samples.
         """
         path = f"{self.path}/{id_of(measurement)}/raw"
         narrow = {"signals": ",".join(signals) or None, "from": start, "to": end, "points": points}
         return self._transport.get(path, answers.RawSignals, **narrow)
 
     def standstills(self, measurement: Record | str) -> answers.Standstills:
-        """Read where each joint stands, as stretches of time in s."""
+        """Read when each joint stands, as intervals of time in s."""
         return self._transport.get(f"{self.path}/{id_of(measurement)}/standstills", answers.Standstills)
 
     def of_import(self, looked_at: Import, metadata: Mapping[str, object] | None = None) -> Measurement:
-        """Store a file that was imported, with these metadata or as they are proposed."""
+        """Store a file that was imported, with the given metadata or the proposed ones."""
         return self._post({"import_id": looked_at.id, "metadata": dict(metadata or looked_at.proposed)})
 
     def content(self, measurement: Record | str) -> Iterator[bytes]:
-        """Read the file back as it was uploaded, in pieces."""
+        """Read the file as it was uploaded, in pieces."""
         return self._transport.stream(f"{self.path}/{id_of(measurement)}/content")
 
 
@@ -159,12 +239,12 @@ class Designs(Collection[Design]):
         return self._transport.get_bytes(f"{self.path}/{id_of(design)}/trajectory", format=format)
 
     def clearances(self, design: Record | str, points: int = 200) -> answers.DesignClearances:
-        """Read what every link is nearest to along the motion, at about so many of its samples."""
+        """Read what every link is nearest to along the motion, at about so many samples."""
         return self._transport.get(f"{self.path}/{id_of(design)}/clearances", answers.DesignClearances, points=points)
 
 
 class Simulations(Collection[Simulation]):
-    """Virtual robots that are measured."""
+    """Virtual robots that record their motion."""
 
     kind = Simulation
 
@@ -177,6 +257,6 @@ class Simulations(Collection[Simulation]):
         effects: Sequence[Mapping[str, object]] | None = None,
         **more: Unpack[SimulationOptions],
     ) -> Simulation:
-        """Have a virtual robot make the motion of a design, or a trajectory; the result names the measurement."""
+        """Let a virtual robot follow the motion of a design, or a trajectory; the result names the measurement."""
         motion: dict[str, object] = {"design_id": None if design is None else id_of(design), "trajectory": trajectory}
         return self._post({"robot_id": id_of(robot), "effects": effects, **motion, **more})

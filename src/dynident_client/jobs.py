@@ -15,7 +15,7 @@ class Jobs:
         self._transport = transport
 
     def get(self, job: Record | str) -> Job:
-        """Tell where a job stands."""
+        """Read the state of a job."""
         return Job(self._transport, self._transport.get(f"{Job.path}/{id_of(job)}", dict))
 
     def page(
@@ -26,12 +26,12 @@ class Jobs:
         state: str | None = None,
         kind: str | None = None,
     ) -> Page[Job]:
-        """Read a part of the list, newest first."""
+        """Read a part of the list, newest first; `state` and `kind` narrow it."""
         data = self._transport.get(Job.path, Part, limit=limit, cursor=cursor, state=state, kind=kind)
-        return Page([Job(self._transport, one) for one in data["items"]], data["cursor"])
+        return Page([Job(self._transport, job) for job in data["items"]], data["cursor"])
 
     def events(self, job: Record | str) -> Iterator[Event]:
-        """Follow a job from its first event to its end, over lost connections."""
+        """Yield the events of a job from the first to its end, over lost connections."""
         return self._transport.events(f"{Job.path}/{id_of(job)}/events")
 
     def cancel(self, job: Record | str) -> Job:

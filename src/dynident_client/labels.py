@@ -1,4 +1,4 @@
-"""Collections whose resources have labels."""
+"""Collections of resources that have labels: a name, tags, an archive flag."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collections of what comes out: identifications, comparisons, diagnoses, validations, gains, currents, reports."""
+"""Collections of results: identifications, comparisons, diagnoses, validations, gains, currents, reports."""
 
 from __future__ import annotations
 
@@ -49,12 +49,24 @@ class Identifications(Labelled[Identification]):
     ) -> Identification:
         """Identify the base parameters of a robot.
 
-        `effects`: ids, or {"effect", "joints"}.
+        Parameters
+        ----------
+        robot : Record or str
+        measurements, validation : sequence of Record or str
+        effects : sequence, optional
+            Ids, or {"effect", "joints"}.
+        more
+            As `IdentificationOptions` has it.
+
+        Returns
+        -------
+        Identification
+            Of a job that is queued; see `wait`.
         """
         body: dict[str, object] = {
             "robot_id": id_of(robot),
-            "measurement_ids": [id_of(one) for one in measurements],
-            "validation_ids": [id_of(one) for one in validation],
+            "measurement_ids": [id_of(measurement) for measurement in measurements],
+            "validation_ids": [id_of(measurement) for measurement in validation],
             "effects": None if effects is None else _effects(effects),
             **more,
         }
@@ -63,21 +75,28 @@ class Identifications(Labelled[Identification]):
     def create_many(self, bodies: Sequence[Mapping[str, object]]) -> Batch:
         """Identify many models by one request: all are accepted, or none.
 
-        `bodies`: of each {"robot_id", "measurement_ids", …} as the contract has it; resources may stand for ids.
+        Parameters
+        ----------
+        bodies : sequence of mappings
+            Each {"robot_id", "measurement_ids", …} as the contract has it; resources may stand for ids.
+
+        Returns
+        -------
+        Batch
         """
         items = [with_identifiers(body) for body in bodies]
         return Batch(self._transport, self._transport.post(Batch.path, dict, {"items": items}))
 
     def batch(self, batch: Batch | str) -> Batch:
-        """Read which identifications were asked for together, and how many are in which state."""
+        """Read a batch: its identifications, and how many are in which state."""
         return Batch(self._transport, self._transport.get(f"{Batch.path}/{id_of(batch)}", dict))
 
     def cancel_batch(self, batch: Batch | str) -> Batch:
-        """Stop all of them that have not ended."""
+        """Stop all identifications of a batch that have not ended."""
         return Batch(self._transport, self._transport.post(f"{Batch.path}/{id_of(batch)}/cancel", dict))
 
     def forget_batch(self, batch: Batch | str) -> None:
-        """Delete what says that they were asked for together; the identifications stay."""
+        """Delete a batch; its identifications stay."""
         self._transport.delete(f"{Batch.path}/{id_of(batch)}")
 
     def extend(self, identification: Record | str, effects: Effects, *, name: str | None = None) -> Identification:
@@ -135,12 +154,12 @@ class Identifications(Labelled[Identification]):
 
 
 class Comparisons(Collection[Comparison]):
-    """Models beside measurements."""
+    """Comparisons of models with measurements."""
 
     kind = Comparison
 
     def create(self, identification: Record | str, measurement: Record | str, *, name: str | None = None) -> Comparison:
-        """Hold a model against a measurement.
+        """Compare a model with a measurement.
 
         The result has errors on all rows (at rest the distance to what static friction may hold), on `moving` rows, and
         `raw`: on all rows against the predicted torque itself.
@@ -187,7 +206,7 @@ class Comparisons(Collection[Comparison]):
 
 
 class Diagnoses(Collection[Diagnosis]):
-    """What is missing in models."""
+    """Diagnoses: what is missing in models."""
 
     kind = Diagnosis
 
@@ -205,14 +224,14 @@ class Diagnoses(Collection[Diagnosis]):
         """
         body: dict[str, object] = {
             "identification_id": id_of(identification),
-            "measurement_ids": None if measurements is None else [id_of(one) for one in measurements],
-            "baseline_ids": [id_of(one) for one in baseline],
+            "measurement_ids": None if measurements is None else [id_of(measurement) for measurement in measurements],
+            "baseline_ids": [id_of(measurement) for measurement in baseline],
             **more,
         }
         return self._post(body)
 
     def evidence(self, diagnosis: Record | str, rank: int, joint: str | None = None) -> answers.Evidence:
-        """Read the figure behind a ranked effect: the residual over what it depends on, with the fitted effect."""
+        """Read the figure behind a ranked candidate: the residual over what it depends on, with the fitted effect."""
         return self._transport.get(f"{self.path}/{id_of(diagnosis)}/evidence", answers.Evidence, rank=rank, joint=joint)
 
 
@@ -230,29 +249,43 @@ class SeriesOfDays(Collection[Series]):
         continues: Record | str | None = None,
         name: str | None = None,
     ) -> Series:
-        """Say what has changed over the days, from which day on, and how every parameter went.
+        """Find what has changed over the days, from which day on, and the values of every parameter.
 
-        `days`: the measurements of each, in their order; `names` of the days. `continues`: a series of the same model
-        whose days come first and are not read again.
+        Parameters
+        ----------
+        identification : Record or str
+        days : sequence
+            The measurements of each day, in their order.
+        names : sequence of str, optional
+            Of the days.
+        continues : Record or str, optional
+            A series of the same model whose days come first and are not read again.
+        name : str, optional
+
+        Returns
+        -------
+        Series
         """
-        asked: list[dict[str, object]] = [{"measurement_ids": [id_of(one) for one in day]} for day in days]
-        for day, called in zip(asked, names or (), strict=False):
-            day["name"] = called
+        day_requests: list[dict[str, object]] = [
+            {"measurement_ids": [id_of(measurement) for measurement in day]} for day in days
+        ]
+        for day, day_name in zip(day_requests, names or (), strict=False):
+            day["name"] = day_name
         body = {
             "identification_id": id_of(identification),
-            "days": asked,
+            "days": day_requests,
             "continues": None if continues is None else id_of(continues),
             "name": name,
         }
         return self._post(body)
 
     def figure(self, series: Record | str) -> bytes:
-        """Read the drawing of all courses, an SVG."""
+        """Read the drawing of all parameters over the days, an SVG."""
         return self._transport.get_bytes(f"{self.path}/{id_of(series)}/figure")
 
 
 class Validations(Collection[Validation]):
-    """Trials of models."""
+    """Validations of models."""
 
     kind = Validation
 
@@ -264,8 +297,8 @@ class Validations(Collection[Validation]):
         measurements: Sequence[Record | str] | None = None,
         **more: Unpack[ValidationOptions],
     ) -> Validation:
-        """Try a model."""
-        measurement_ids = None if measurements is None else [id_of(one) for one in measurements]
+        """Validate a model."""
+        measurement_ids = None if measurements is None else [id_of(measurement) for measurement in measurements]
         body: dict[str, object] = {
             "identification_id": id_of(identification),
             "kind": kind,
@@ -297,10 +330,12 @@ class DriveGainSets(Collection[DriveGains]):
         """
         body: dict[str, object] = {
             "robot_id": id_of(robot),
-            "unloaded": [id_of(one) for one in unloaded],
-            "loaded": [id_of(one) for one in loaded],
-            "weigh": None if weigh is None else [id_of(one) for one in weigh],
-            "weigh_unloaded": None if weigh_unloaded is None else [id_of(one) for one in weigh_unloaded],
+            "unloaded": [id_of(measurement) for measurement in unloaded],
+            "loaded": [id_of(measurement) for measurement in loaded],
+            "weigh": None if weigh is None else [id_of(measurement) for measurement in weigh],
+            "weigh_unloaded": None
+            if weigh_unloaded is None
+            else [id_of(measurement) for measurement in weigh_unloaded],
             **more,
         }
         return self._post(body)
@@ -320,14 +355,25 @@ class CurrentModelSets(Collection[CurrentModels]):
         effects: Effects | None = None,
         name: str | None = None,
     ) -> CurrentModels:
-        """Identify what each joint's current is made of.
+        """Identify every joint's parameters in units of its current.
 
-        `robot`: with a drive gain for every joint, 1 where nobody knows it. `effects`: ids, or {"effect", "joints"}.
+        Parameters
+        ----------
+        robot : Record or str
+            With a drive gain for every joint, 1 where it is unknown.
+        measurements, validation : sequence of Record or str
+        effects : sequence, optional
+            Ids, or {"effect", "joints"}.
+        name : str, optional
+
+        Returns
+        -------
+        CurrentModels
         """
         body: dict[str, object] = {
             "robot_id": id_of(robot),
-            "measurement_ids": [id_of(one) for one in measurements],
-            "validation_ids": [id_of(one) for one in validation],
+            "measurement_ids": [id_of(measurement) for measurement in measurements],
+            "validation_ids": [id_of(measurement) for measurement in validation],
             "effects": None if effects is None else _effects(effects),
             "name": name,
         }
@@ -354,8 +400,8 @@ class Reports(Collection[Report]):
             "identification_id": id_of(identification),
             "diagnosis_id": None if diagnosis is None else id_of(diagnosis),
             "design_id": None if design is None else id_of(design),
-            "validation_ids": [id_of(one) for one in validations],
-            "measurement_ids": None if measurements is None else [id_of(one) for one in measurements],
+            "validation_ids": [id_of(resource) for resource in validations],
+            "measurement_ids": None if measurements is None else [id_of(resource) for resource in measurements],
             **more,
         }
         return self._post(body)
@@ -366,4 +412,4 @@ class Reports(Collection[Report]):
 
 
 def _effects(effects: Effects) -> list[dict[str, object]]:
-    return [{"effect": one} if isinstance(one, str) else dict(one) for one in effects]
+    return [{"effect": effect} if isinstance(effect, str) else dict(effect) for effect in effects]

@@ -1,4 +1,4 @@
-"""What the service answers, as objects that know how to go on."""
+"""The resources of the service as objects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ OnProgress = Callable[[float, str], None]
 
 
 class Record:
-    """A resource: `data` is the service's answer; its fields are there by index too."""
+    """A resource: `data` is the service's answer, whose fields can also be read by index."""
 
     path = ""
 
@@ -26,25 +26,25 @@ class Record:
         self.data = data
 
     def __getitem__(self, field: str) -> Any:
-        """Give a field of the answer."""
+        """Return a field of the answer."""
         return self.data[field]
 
     def __repr__(self) -> str:
-        """Name the resource."""
+        """Return class, identifier and name of the resource."""
         return f"<{type(self).__name__} {self.id} {self.name or ''}>"
 
     @property
     def id(self) -> str:
-        """Its identifier."""
+        """The identifier."""
         return str(self.data["id"])
 
     @property
     def name(self) -> str | None:
-        """Its name, if it was given one."""
+        """The name, if the resource has one."""
         return self.data.get("name")
 
     def refresh(self) -> Self:
-        """Read it again."""
+        """Read the resource again and return it."""
         self.data = self._transport.get(f"{self.path}/{self.id}", dict)
         return self
 
@@ -54,16 +54,16 @@ class Computed(Record, Generic[ResultT]):
 
     @property
     def status(self) -> str:
-        """As of the last answer: queued, running, succeeded, failed or cancelled."""
+        """The state as of the last answer: queued, running, succeeded, failed or cancelled."""
         return str(self.data["status"])
 
     @property
     def result(self) -> ResultT:
-        """What came out, once the status is succeeded."""
-        found: ResultT | None = self.data.get("result")
-        if found is None:
+        """The result, once the status is succeeded."""
+        result: ResultT | None = self.data.get("result")
+        if result is None:
             raise LookupError(f"{self.id} is {self.status}: there is no result; wait() for it")
-        return found
+        return result
 
     @property
     def job_id(self) -> str:
@@ -71,7 +71,17 @@ class Computed(Record, Generic[ResultT]):
         return str(self.data["job_id"])
 
     def wait(self, on_progress: OnProgress | None = None) -> Self:
-        """Wait until it has been computed, over lost connections; `on_progress` is told fraction and message.
+        """Wait until the resource has been computed, over lost connections.
+
+        Parameters
+        ----------
+        on_progress : function, optional
+            Called with fraction and message.
+
+        Returns
+        -------
+        Computed
+            The resource itself, read again.
 
         Raises
         ------
@@ -90,7 +100,7 @@ class Computed(Record, Generic[ResultT]):
         return self
 
     def events(self) -> Iterator[Event]:
-        """Follow the job from its first event to its end."""
+        """Yield the events of the job from the first to its end."""
         return self._transport.events(f"/v1/jobs/{self.job_id}/events")
 
     def cancel(self) -> None:
@@ -110,26 +120,26 @@ class Robot(Record):
 
 
 class Proposed(MeasurementOptions, total=False):
-    """What is said about a file, with its robot and its name."""
+    """Metadata of a file, with its robot and its name."""
 
     robot_id: str
     name: str | None
 
 
 class Import(Record):
-    """A file that was looked at, and is kept for a day."""
+    """A file that was inspected, and is kept for a day."""
 
     path = "/v1/imports"
 
     @property
     def proposed(self) -> Proposed:
-        """Metadata that are proposed for the file."""
-        found: Proposed = self.data["proposed"]
-        return found
+        """The proposed metadata of the file."""
+        metadata: Proposed = self.data["proposed"]
+        return metadata
 
     @property
     def questions(self) -> list[answers.QuestionView]:
-        """What has to be answered before it can be used."""
+        """Questions to answer before the file can be used."""
         return list(self.data["questions"])
 
 
@@ -140,12 +150,12 @@ class Measurement(Record):
 
     @property
     def checks(self) -> list[answers.CheckView]:
-        """What was looked at, and found."""
+        """The checks of the recording and their findings."""
         return list(self.data["checks"])
 
     @property
     def phases(self) -> dict[str, list[float]]:
-        """Shares of its time in which each joint is "standing" or "reversing"; it moves in the rest."""
+        """Shares of time in which each joint is "standing" or "reversing"; it moves in the rest."""
         return dict(self.data.get("phases") or {})
 
 
@@ -156,7 +166,7 @@ class Design(Computed[answers.DesignResult]):
 
 
 class Simulation(Computed[answers.SimulationResult]):
-    """A measured virtual robot."""
+    """A virtual robot's recorded motion."""
 
     path = "/v1/simulations"
 
@@ -168,7 +178,7 @@ class Identification(Computed[answers.IdentificationResult]):
 
 
 class Batch(Record):
-    """Identifications that were asked for together."""
+    """Identifications that were requested together."""
 
     path = "/v1/identifications/batch"
 
@@ -179,18 +189,18 @@ class Batch(Record):
 
     @property
     def identifications(self) -> list[Identification]:
-        """Each of them, in the order that they were asked for; `wait()` for one reads its result."""
-        return [Identification(self._transport, one) for one in self.data["items"]]
+        """The identifications, in the order of the request; `wait()` for one reads its result."""
+        return [Identification(self._transport, item) for item in self.data["items"]]
 
 
 class Comparison(Computed[answers.ComparisonResult]):
-    """A model beside a measurement."""
+    """A model compared with a measurement."""
 
     path = "/v1/comparisons"
 
 
 class Diagnosis(Computed[answers.DiagnosisResult]):
-    """What is missing in a model."""
+    """A diagnosis: what is missing in a model."""
 
     path = "/v1/diagnoses"
 
@@ -202,7 +212,7 @@ class Series(Computed[answers.SeriesResult]):
 
 
 class Validation(Computed[answers.ValidationResult]):
-    """A trial of a model."""
+    """A validation of a model."""
 
     path = "/v1/validations"
 
@@ -225,7 +235,7 @@ class Report(Computed[answers.ReportResult]):
     path = "/v1/reports"
 
     def content(self) -> bytes:
-        """The document."""
+        """Read the document."""
         return self._transport.get_bytes(f"{self.path}/{self.id}/content")
 
     def save(self, path: Path | str) -> Path:
@@ -242,7 +252,7 @@ class Job(Record):
 
     @property
     def state(self) -> str:
-        """As of the last answer."""
+        """The state as of the last answer."""
         return str(self.data["state"])
 
 
@@ -263,5 +273,5 @@ class Page(Generic[RecordT]):
 
 
 def id_of(resource: Record | str) -> str:
-    """Give the identifier of a resource, or the one that was given."""
+    """Return the identifier of a resource, which may be given as such."""
     return resource if isinstance(resource, str) else resource.id

@@ -1,4 +1,4 @@
-"""Requests to the service: errors become exceptions, POSTs may be repeated, event streams resume."""
+"""HTTP requests to the service: errors become exceptions, POSTs are repeated safely, event streams resume."""
 
 from __future__ import annotations
 
@@ -53,16 +53,25 @@ class Transport:
         self._http = httpx2.Client(base_url=base_url, headers=headers, timeout=timeout, transport=transport)
 
     def get(self, path: str, answer: type[T], **params: Param) -> T:
-        """Read JSON: an answer of this type, by the contract."""
-        found: T = self._send("GET", path, params=params).json()
-        return found
+        """Read JSON.
+
+        Parameters
+        ----------
+        path : str
+        answer : type
+            Of the answer, by the contract; for type checkers alone.
+        params
+            Of the query; None is left out.
+        """
+        content: T = self._send("GET", path, params=params).json()
+        return content
 
     def get_bytes(self, path: str, **params: Param) -> bytes:
         """Read bytes."""
         return self._send("GET", path, params=params).content
 
     def stream(self, path: str, **params: Param) -> Iterator[bytes]:
-        """Read bytes in pieces."""
+        """Yield bytes in pieces."""
         with self._http.stream("GET", path, params=_given(params)) as answer:
             if answer.is_error:
                 answer.read()
@@ -70,40 +79,43 @@ class Transport:
             yield from answer.iter_bytes()
 
     def post(self, path: str, answer: type[T], body: Mapping[str, object] | None = None) -> T:
-        """Send JSON; a try whose answer was lost is repeated without doing the work twice."""
-        found: T = self._send("POST", path, json=None if body is None else _given(body)).json()
-        return found
+        """Send JSON; a request whose answer was lost is repeated without doing the work twice."""
+        content: T = self._send("POST", path, json=None if body is None else _given(body)).json()
+        return content
 
     def patch(self, path: str, answer: type[T], body: Mapping[str, object]) -> T:
         """Send changes as JSON."""
-        found: T = self._send("PATCH", path, json=_given(body)).json()
-        return found
+        content: T = self._send("PATCH", path, json=_given(body)).json()
+        return content
 
     def upload(self, path: str, answer: type[T], files: Sequence[Path], fields: Mapping[str, str]) -> T:
         """Send a file, or several that belong together, and fields as a form."""
         with ExitStack() as stack:
             opened = [stack.enter_context(file.open("rb")) for file in files]
-            parts = [("further" if place else "file", (files[place].name, one)) for place, one in enumerate(opened)]
+            parts = [
+                ("further" if place else "file", (files[place].name, stream)) for place, stream in enumerate(opened)
+            ]
             sent = self._send("POST", path, files=parts, data=dict(fields), rewind=opened)
-        found: T = sent.json()
-        return found
+        content: T = sent.json()
+        return content
 
     def put_files(self, path: str, answer: type[T], files: Mapping[str, Path]) -> T:
         """Put several files, by the names that they have in the form."""
         # Each is as large as a drawing of a part: small beside what a recording may be, which is streamed.
         form = [("files", (name, file.read_bytes())) for name, file in files.items()]
-        found: T = self._send("PUT", path, files=form).json()
-        return found
+        content: T = self._send("PUT", path, files=form).json()
+        return content
 
     def delete(self, path: str) -> None:
         """Delete."""
         self._send("DELETE", path)
 
     def events(self, path: str) -> Iterator[Event]:
-        """Follow a stream of events to its end, over lost connections."""
+        """Yield the events of a stream to its end, over lost connections."""
         last, tries = "", 0
         until = time.monotonic() + PATIENCE
         while True:
+            # By this header the service continues behind the last event that arrived.
             headers = {"Last-Event-ID": last} if last else {}
             try:
                 with self._http.stream("GET", path, headers=headers, timeout=httpx2.Timeout(30.0)) as answer:
@@ -114,11 +126,11 @@ class Transport:
                             _raise_problem(answer)
                         time.sleep(pause)
                         continue
-                    for one in httpx2.EventSource(answer):
-                        last, tries = one.id or last, 0
-                        data = one.json()
+                    for event in httpx2.EventSource(answer):
+                        last, tries = event.id or last, 0
+                        data = event.json()
                         assert isinstance(data, dict)
-                        yield Event(one.id, one.event, data)
+                        yield Event(event.id, event.event, data)
                 return
             except httpx2.TransportError:
                 tries += 1
@@ -131,6 +143,8 @@ class Transport:
         self._http.close()
 
     def _send(self, method: str, path: str, *, rewind: Sequence[IO[bytes]] = (), **content: Any) -> httpx2.Response:
+        # The service answers a second POST of the same key as the first, so that a lost answer is no reason to compute
+        # again.
         headers = {"Idempotency-Key": uuid.uuid4().hex} if method == "POST" else {}
         if "params" in content:
             content["params"] = _given(content["params"])
@@ -140,6 +154,7 @@ class Transport:
             try:
                 answer = self._http.request(method, path, headers=headers, **content)
             except httpx2.TransportError:
+                # A DELETE has no idempotency key, so it is repeated once only.
                 if attempt == TRIES - 1 or (method == "DELETE" and attempt > 0):
                     raise
                 pause, attempt = PAUSE * 2**attempt, attempt + 1
@@ -155,12 +170,13 @@ class Transport:
 
 
 def _given(values: Mapping[str, T]) -> dict[str, T]:
-    """Leave out what nobody gave."""
+    """Return values without those that are None; an underscore at the end of a name is removed."""
+    # "from" is a keyword of Python and is given as `from_`.
     return {name.removesuffix("_"): value for name, value in values.items() if value is not None}
 
 
 def _asked_to_wait(answer: httpx2.Response) -> float | None:
-    """Seconds after which a busy service wants to be asked again; `None` where it says no such thing."""
+    """Return the seconds after which a busy service wants the request again; `None` where it states none."""
     after = answer.headers.get("retry-after", "")
     return float(after) if answer.status_code in BUSY and after.isdecimal() else None
 

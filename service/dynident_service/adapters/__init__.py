@@ -1,1 +1,1 @@
-"""Between the contract and the science: requests become dataclasses, results become JSON."""
+"""Adapters between the HTTP contract and the library: bodies become request dataclasses, results become views."""

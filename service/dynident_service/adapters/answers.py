@@ -1,4 +1,4 @@
-"""From results of the science to the answers of the contract, field by field of the same name, and back."""
+"""Conversion of results of the library to views of the contract and back, field by field of the same name."""
 
 from __future__ import annotations
 
@@ -27,42 +27,92 @@ _ABSENT = object()
 _AS_CALLED = common.At()
 
 
-def shown(view: type[ViewT], found: object, **more: object) -> ViewT:
-    """What the science found as the contract shows it.
+def shown(view: type[ViewT], result: object, **more: object) -> ViewT:
+    """Build a view of a result.
 
     Parameters
     ----------
     view : type
-        Each of its fields is the result's attribute of that name, or the one that stands beside it (`At`); one that
-        may be null is where the result has no finite number. Errors have those of moving rows beside them.
+        A model of the contract. Each field is read from the result's attribute of the same name, or from the path that
+        `At` states in its annotation. A field that may be null is null where the number is not finite. Errors get the
+        errors on moving rows as well.
+    result : object
+        A result of the library; None where all fields are in `more`.
     more
-        Fields that the result knows nothing of.
+        Values of fields that the result does not have, or has in another form.
+
+    Returns
+    -------
+    BaseModel
+        The view.
     """
     values: dict[str, object] = {}
-    for name, one in view.model_fields.items():
-        owner, attribute = _place(found, _at(one).path or name)
-        nothing = None if owner is None and found is not None else _ABSENT
+    for name, field in view.model_fields.items():
+        owner, attribute = _place(result, _at(field).path or name)
+        # A path that ends at None, as "held_out.rms_total" without held-out data, gives null. An attribute that does
+        # not exist leaves the field to its default.
+        nothing = None if owner is None and result is not None else _ABSENT
         value = more[name] if name in more else getattr(owner, attribute, nothing)
         if value is _ABSENT:
             continue
-        if isinstance(value, Errors) and ErrorsView in _parts(one.annotation):
+        if isinstance(value, Errors) and ErrorsView in _parts(field.annotation):
             value = show_errors(value, getattr(owner, f"{attribute}_moving", None))
-        values[one.alias or name] = _shown(one.annotation, value)
+        # Models validate by alias where a field has one: "from" is no Python name.
+        values[field.alias or name] = _shown(field.annotation, value)
     return view.model_validate(values)
 
 
-def known(science: type[T], told: BaseModel, **more: object) -> T:
-    """A result of the science from what was shown of it; `more` are fields that were not shown as they are."""
+def known(science: type[T], view: BaseModel, **more: object) -> T:
+    """Restore a result of the library from its view.
+
+    Parameters
+    ----------
+    science : type
+        The dataclass of the result.
+    view : BaseModel
+        The view, as it was stored.
+    more
+        Values of fields that the view holds in another form.
+
+    Returns
+    -------
+    object
+        The result, as far as the view holds it; other fields have their defaults.
+    """
     values: dict[str, dict[str, tuple[FieldInfo, object]]] = {}
-    for name, one in type(told).model_fields.items():
-        field, _, inner = (_at(one).path or name).partition(".")
-        values.setdefault(field, {})[inner] = (one, getattr(told, name))
-    stated = [one for one in fields(science) if one.name in values and one.name not in more]  # type: ignore[arg-type]
-    return science(**{one.name: _known(hint_of(science, one), values[one.name]) for one in stated}, **more)
+    # Several fields of a view may come from one attribute ("choice.effect", "choice.joints"): they are collected by it.
+    for name, info in type(view).model_fields.items():
+        field, _, inner = (_at(info).path or name).partition(".")
+        values.setdefault(field, {})[inner] = (info, getattr(view, name))
+    science_fields = [
+        science_field
+        for science_field in fields(science)  # type: ignore[arg-type]
+        if science_field.name in values and science_field.name not in more
+    ]
+    return science(
+        **{
+            science_field.name: _known(hint_of(science, science_field), values[science_field.name])
+            for science_field in science_fields
+        },
+        **more,
+    )
 
 
 def show_errors(errors: Errors, moving: Errors | None = None, sigma: FloatArray | None = None) -> ErrorsView:
-    """Show the errors of a model on data: on all rows, and on those where each joint moves."""
+    """Show the errors of a model on data.
+
+    Parameters
+    ----------
+    errors, moving : Errors
+        On all rows, and on those where each joint moves.
+    sigma : array (n,), optional
+        Standard deviation of the residual per joint.
+
+    Returns
+    -------
+    ErrorsView
+        The errors, null where a joint has no rows.
+    """
     return ErrorsView(
         **show_figures(errors).model_dump(),
         moving=None if moving is None else show_figures(moving),
@@ -71,36 +121,36 @@ def show_errors(errors: Errors, moving: Errors | None = None, sigma: FloatArray 
 
 
 def show_figures(errors: Errors) -> ErrorFigures:
-    """Show errors on some rows; a joint without any has none."""
-    there = errors.counts > 0
+    """Show errors on a set of rows; null for a joint without rows there."""
+    has_rows = errors.counts > 0
     return ErrorFigures(
-        rms=numbers(np.where(there, errors.rms, np.nan)),
-        relative=numbers(np.where(there, errors.relative, np.nan)),
-        relative_total=finite(errors.relative_total) if there.any() else None,
+        rms=numbers(np.where(has_rows, errors.rms, np.nan)),
+        relative=numbers(np.where(has_rows, errors.relative, np.nan)),
+        relative_total=finite(errors.relative_total) if has_rows.any() else None,
     )
 
 
 def finite(value: float) -> float | None:
-    """Give a number, or `None` for what JSON cannot say."""
+    """Return a number, or None for infinity and NaN, which JSON does not have."""
     return float(value) if math.isfinite(value) else None
 
 
 def numbers(values: FloatArray) -> list[float | None]:
-    """Give an array (n,) as JSON numbers."""
-    # Long signals are numbers throughout.
-    found: list[float | None] = values.tolist()
-    return found if np.isfinite(values).all() else [finite(value) for value in values.tolist()]
+    """Return an array (n,) as JSON numbers, None where one is not finite."""
+    # Signals are long and almost always finite: one vectorised check spares a Python call a sample.
+    listed: list[float | None] = values.tolist()
+    return listed if np.isfinite(values).all() else [finite(value) for value in values.tolist()]
 
 
-def _at(one: FieldInfo) -> common.At:
-    return next((about for about in one.metadata if isinstance(about, common.At)), _AS_CALLED)
+def _at(field: FieldInfo) -> common.At:
+    return next((about for about in field.metadata if isinstance(about, common.At)), _AS_CALLED)
 
 
-def _place(found: object, path: str) -> tuple[object, str]:
+def _place(result: object, path: str) -> tuple[object, str]:
     owner, _, attribute = path.rpartition(".")
     for step in owner.split(".") if owner else ():
-        found = getattr(found, step, None)
-    return found, attribute
+        result = getattr(result, step, None)
+    return result, attribute
 
 
 def _parts(hint: Any) -> tuple[Any, ...]:
@@ -110,12 +160,13 @@ def _parts(hint: Any) -> tuple[Any, ...]:
 def _shown(hint: Any, value: object) -> object:
     parts = _parts(hint)
     if isinstance(value, (np.ndarray, np.generic)):
-        # Long signals are numbers throughout.
+        # The same shortcut for long signals that are finite throughout.
         if value.ndim and np.isfinite(value).all():
             return value.tolist()
         value = value.tolist()
     if isinstance(value, float):
         return value if math.isfinite(value) or NoneType not in parts else None
+    # Before the containers: strings are sequences, and models are converted already.
     if value is None or hint is Any or isinstance(value, (str, int, BaseModel)):
         return value
     if isinstance(value, EffectChoice):
@@ -125,20 +176,25 @@ def _shown(hint: Any, value: object) -> object:
     hint = next(part for part in parts if part is not NoneType)
     inner = get_args(hint)
     if isinstance(value, (tuple, list)) and get_origin(hint) is tuple:
-        return tuple(_shown(part, one) for part, one in zip(inner, value, strict=True))
+        return tuple(_shown(part, element) for part, element in zip(inner, value, strict=True))
     if isinstance(value, (tuple, list)) and get_origin(hint) is not dict:
-        return [_shown(inner[0], one) for one in value]
+        return [_shown(inner[0], element) for element in value]
     if isinstance(value, (Mapping, tuple)):
-        return {name: _shown(inner[1], one) for name, one in dict(value).items()}
+        return {name: _shown(inner[1], element) for name, element in dict(value).items()}
     return shown(hint, value)
 
 
-def _known(hint: Any, told: Mapping[str, tuple[FieldInfo, object]]) -> object:
-    """The value of a field of the science, of one field that was shown or of several that hold its own."""
-    if "" in told:
-        one, value = told[""]
-        return _back(hint, value, _at(one).null)
-    flat = {name: _back(hint_of(hint, one), told[one.name][1]) for one in fields(hint) if (name := one.name) in told}
+def _known(hint: Any, shown_fields: Mapping[str, tuple[FieldInfo, object]]) -> object:
+    """Restore one attribute, from the field that shows it or from several fields that show its attributes."""
+    if "" in shown_fields:
+        field, value = shown_fields[""]
+        return _back(hint, value, _at(field).null)
+    # Without an entry for the attribute itself, the fields show attributes of it, so it is built from them.
+    flat = {
+        name: _back(hint_of(hint, science_field), shown_fields[science_field.name][1])
+        for science_field in fields(hint)
+        if (name := science_field.name) in shown_fields
+    }
     return hint(**flat)
 
 
@@ -155,8 +211,10 @@ def _back(hint: Any, value: object, null: float | tuple[float, float] = math.nan
         return tuple(sorted(value.items()))
     if not isinstance(value, (list, tuple)):
         return value
+    # A list is an array in the library, unless the field says that it is a tuple.
     if get_origin(hint) is not tuple:
         return np.array(value, dtype=np.float64)
+    # Of an interval each end has its own value for null, as −∞ and ∞.
     if isinstance(null, tuple):
-        return tuple(end if one is None else one for one, end in zip(value, null, strict=True))
-    return tuple(_back(get_args(hint)[0], one) for one in value)
+        return tuple(end if element is None else element for element, end in zip(value, null, strict=True))
+    return tuple(_back(get_args(hint)[0], element) for element in value)

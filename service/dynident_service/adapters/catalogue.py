@@ -1,4 +1,4 @@
-"""The catalogue of effects, for the contract."""
+"""The catalogue of effects as a view of the contract."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from dynident_service.models import effects as wire
 
 
 def catalogue() -> wire.Catalogue:
-    """Show all effects."""
+    """Return the view of all effects."""
     return wire.Catalogue(items=[_effect(effect) for effect in CATALOGUE.values()])
 
 
 def _effect(effect: Effect) -> wire.EffectView:
     parameters = [
-        shown(wire.EffectParameter, one, prismatic_unit=one.unit_on("prismatic")) for one in effect.parameters
+        shown(wire.EffectParameter, parameter, prismatic_unit=parameter.unit_on("prismatic"))
+        for parameter in effect.parameters
     ]
     shapes = [
-        shown(wire.ShapeParameter, one, words=[wire.ShapeWord(value=value, word=word) for value, word in one.words])
-        for one in effect.shapes
+        shown(wire.ShapeParameter, shape, words=[wire.ShapeWord(value=value, word=word) for value, word in shape.words])
+        for shape in effect.shapes
     ]
     return shown(wire.EffectView, effect, parameters=parameters, shape_parameters=shapes)

@@ -1,4 +1,4 @@
-"""Comparisons between the contract and the science."""
+"""Comparisons of measured and predicted torque as views, and signals thinned for plots."""
 
 from __future__ import annotations
 
@@ -13,44 +13,77 @@ from dynident_service.models import comparisons as wire
 from dynident_service.models.measurements import PhasesView
 
 
-def describe_comparison(found: Comparison, judged: Judgement, held_out: bool | None) -> wire.ComparisonResult:
-    """Describe a comparison for the wire; `held_out` None where nobody knows."""
+def describe_comparison(comparison: Comparison, judgement: Judgement, held_out: bool | None) -> wire.ComparisonResult:
+    """Build the view of a comparison.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Measured and predicted torque.
+    judgement : Judgement
+        The residual against the noise floor.
+    held_out : bool, optional
+        Whether the model was identified without this recording; None where that is unknown.
+
+    Returns
+    -------
+    ComparisonResult
+        The view.
+    """
     phases = PhasesView(
-        standing=_share(found.phase, Phase.STANDING), reversing=_share(found.phase, Phase.REVERSING, Phase.PASSIVE_HALT)
+        standing=_share(comparison.phase, Phase.STANDING),
+        reversing=_share(comparison.phase, Phase.REVERSING, Phase.PASSIVE_HALT),
     )
     return shown(
         wire.ComparisonResult,
-        found,
-        n_samples=len(found.t),
-        start_time=float(found.t[0]),
-        end_time=float(found.t[-1]),
+        comparison,
+        n_samples=len(comparison.t),
+        start_time=float(comparison.t[0]),
+        end_time=float(comparison.t[-1]),
         phases=phases,
         held_out=held_out,
-        **dict(show_figures(found.errors)),
-        **dict(shown(wire.Judgement, judged, repetition=judged.noise if judged.noise.period > 0 else None)),
+        **dict(show_figures(comparison.errors)),
+        **dict(shown(wire.Judgement, judgement, repetition=judgement.noise if judgement.noise.period > 0 else None)),
     )
 
 
-def thinned(every: JointSignals, points: int) -> JointSignals:
-    """About so many samples whose lines look like those of all samples: the extremes of every signal among them.
+def thinned(joint_signals: JointSignals, points: int) -> JointSignals:
+    """Thin signals for a plot.
 
-    Where a stretch in which the joint is standing begins and ends is among them, too, as long as there are few.
+    Parameters
+    ----------
+    joint_signals : JointSignals
+        All samples of one joint.
+    points : int
+        About how many samples to keep.
+
+    Returns
+    -------
+    JointSignals
+        Samples whose lines look like those of all samples. They include the extremes of every signal, and the ends of
+        standstills as long as those are few.
     """
-    signals = (every.measured, every.lower, every.upper, every.residual)
-    return every.rows(_chosen(points, every.standing, *signals)) if len(every.t) > points else every
+    signals = (joint_signals.measured, joint_signals.lower, joint_signals.upper, joint_signals.residual)
+    return (
+        joint_signals.rows(_chosen(points, joint_signals.standing, *signals))
+        if len(joint_signals.t) > points
+        else joint_signals
+    )
 
 
 def _chosen(points: int, standing: BoolArray, *signals: FloatArray) -> IndexArray:
     changes = np.flatnonzero(np.diff(standing))
+    # Ends of standstills get at most half of the points; a joint that creeps has more of them than a plot can show.
     edges = np.concatenate([changes, changes + 1]) if 2 * len(changes) <= points // 2 else np.empty(0, dtype=np.intp)
+    # The downsampler takes an even share of points a signal, and at least its first, last, least and greatest.
     share = max(4, (points - len(edges)) // len(signals))
-    # Of [service] alone; `dynident compare` thins nothing.
+    # Imported here: the package comes with the extra "service" only, and the command line thins nothing.
     from tsdownsample import MinMaxLTTBDownsampler
 
-    picked = [MinMaxLTTBDownsampler().downsample(np.ascontiguousarray(one), n_out=share) for one in signals]
+    picked = [MinMaxLTTBDownsampler().downsample(np.ascontiguousarray(signal), n_out=share) for signal in signals]
     return np.unique(np.concatenate([edges, *picked])).astype(np.intp)
 
 
 def _share(phases: PhaseArray, *wanted: Phase) -> list[float]:
-    """Share of every joint's rows that are of some phases."""
+    """Return the share of rows that are in the given phases, per joint."""
     return [float(share) for share in np.isin(phases, wanted).mean(axis=0)]

@@ -1,4 +1,4 @@
-"""From the bodies of the contract to the requests of the science, and back."""
+"""Conversion of bodies of the contract to request dataclasses of the library, and back."""
 
 from __future__ import annotations
 
@@ -21,40 +21,82 @@ T = TypeVar("T")
 BodyT = TypeVar("BodyT", bound=BaseModel)
 
 
-def taken(asked: BaseModel, science: type[T], **more: object) -> T:
-    """What a body asks for; `more` are fields that are no part of it.
+def taken(request_body: BaseModel, science: type[T], **more: object) -> T:
+    """Build a request of the library from a body.
+
+    Parameters
+    ----------
+    request_body : BaseModel
+        The body, or a part of one.
+    science : type
+        The dataclass of the request.
+    more
+        Values of fields that the body does not have.
+
+    Returns
+    -------
+    object
+        The request.
 
     Raises
     ------
     DynidentError
-        Where the request refuses what it is given.
+        Where the request refuses a value.
     """
-    stated = [one for one in fields(science) if one.name not in more and hasattr(asked, one.name)]  # type: ignore[arg-type]
-    # What may be null on the wire and not in the science stands for the default.
-    names = [one.name for one in stated if getattr(asked, one.name) is not None or "None" in str(one.type)]
-    return science(**{name: _taken(getattr(asked, name)) for name in names}, **more)
+    request_fields = [
+        request_field
+        for request_field in fields(science)  # type: ignore[arg-type]
+        if request_field.name not in more and hasattr(request_body, request_field.name)
+    ]
+    # A field that may be null in the contract only, and not in the library, stands for its default when it is null.
+    names = [
+        request_field.name
+        for request_field in request_fields
+        if getattr(request_body, request_field.name) is not None or "None" in str(request_field.type)
+    ]
+    return science(**{name: _taken(getattr(request_body, name)) for name in names}, **more)
 
 
 def body(kind: type[BodyT], value: DataclassInstance, **own: object) -> BodyT:
-    """The body that asks for a request of the science; `own` are fields that are no part of it."""
+    """Build the body that asks for a request of the library.
+
+    Parameters
+    ----------
+    kind : type
+        The model of the body.
+    value : dataclass
+        The request.
+    own
+        Values of fields that only the body has.
+
+    Returns
+    -------
+    BaseModel
+        The body.
+    """
     return kind.model_validate({**own, **_fields(value)})
 
 
 def written(value: object) -> object:
-    """A value of the science as the contract writes it, in JSON's own types."""
+    """Convert a value of a request to the types of JSON, as the contract writes it."""
     if isinstance(value, EffectChoice):
         return show_choice(value).model_dump()
     if is_dataclass(value) and not isinstance(value, type):
         return _fields(value)
     if isinstance(value, Mapping):
-        return {name: written(one) for name, one in value.items()}
-    return [written(one) for one in value] if isinstance(value, (tuple, list)) else value
+        return {name: written(element) for name, element in value.items()}
+    return [written(element) for element in value] if isinstance(value, (tuple, list)) else value
 
 
 def _fields(value: DataclassInstance) -> dict[str, object]:
-    named = {"name": value.name} if isinstance(value, Kind) else {}
-    known = BODIES[type(value)].model_fields
-    return named | {one.name: written(getattr(value, one.name)) for one in fields(value) if one.name in known}
+    # A choice among kinds (an estimator with options) is an object with its name.
+    name_entry = {"name": value.name} if isinstance(value, Kind) else {}
+    wire_fields = BODIES[type(value)].model_fields
+    return name_entry | {
+        science_field.name: written(getattr(value, science_field.name))
+        for science_field in fields(value)
+        if science_field.name in wire_fields
+    }
 
 
 def _taken(value: Any) -> Any:
@@ -63,5 +105,6 @@ def _taken(value: Any) -> Any:
     if isinstance(value, BaseModel):
         return taken(value, SCIENCE[type(value)])
     if isinstance(value, dict):
-        return {name: _taken(one) for name, one in value.items()}
-    return tuple(_taken(one) for one in value) if isinstance(value, list) else value
+        return {name: _taken(element) for name, element in value.items()}
+    # Requests are frozen and hashable: lists become tuples.
+    return tuple(_taken(element) for element in value) if isinstance(value, list) else value

@@ -1,4 +1,4 @@
-"""Designs of experiments between the contract and the science, and back where they are stored."""
+"""Designs of experiments: requests from bodies, views of results, and stored designs read back."""
 
 from __future__ import annotations
 
@@ -29,17 +29,24 @@ from dynident_service.adapters.derived import body, taken
 from dynident_service.models import designs as wire
 
 ROWS = 65_536
+"""Rows of a trajectory that are converted to CSV at a time."""
 _DIGITS = 5
-"""Of lengths in m that a picture shows."""
+"""Decimals of lengths in m: a picture shows no more than a hundredth of a millimetre."""
 
 
-def request_of(asked: wire.DesignRequest, robot: Robot) -> DesignRequest:
-    """Take a design off the wire; `DynidentError` where it asks for what cannot be designed for this robot."""
-    return _checked(design_request(asked), robot)
+def request_of(wire_request: wire.DesignRequest, robot: Robot) -> DesignRequest:
+    """Build a design request from a body and check it against the robot.
+
+    Raises
+    ------
+    DynidentError
+        Where this cannot be designed for the robot.
+    """
+    return _checked(design_request(wire_request), robot)
 
 
 def random_design(trajectory: wire.Trajectory, robot: Robot, seed: int = 0) -> DesignRequest:
-    """A random motion of a family; `DynidentError` where there is none for this robot."""
+    """Build the request for a random motion of a family; `DynidentError` where the robot has none."""
     return _checked(DesignRequest(kind="random", trajectory=taken(trajectory, TrajectoryRequest), seed=seed), robot)
 
 
@@ -50,9 +57,9 @@ def _checked(request: DesignRequest, robot: Robot) -> DesignRequest:
     return request
 
 
-def design_request(asked: wire.DesignRequest) -> DesignRequest:
-    """Take a design off the wire as it is."""
-    return taken(asked, DesignRequest)
+def design_request(wire_request: wire.DesignRequest) -> DesignRequest:
+    """Build a design request from a body without checking it against a robot."""
+    return taken(wire_request, DesignRequest)
 
 
 def _check_rivals(choice: CriterionChoice, robot: Robot) -> None:
@@ -63,48 +70,48 @@ def _check_rivals(choice: CriterionChoice, robot: Robot) -> None:
 
 
 def show_request(request: DesignRequest, robot_id: str) -> wire.DesignRequest:
-    """Show what is asked of a design, ready to be posted."""
+    """Build the body that asks for a design, ready to be posted."""
     return body(wire.DesignRequest, request, robot_id=robot_id)
 
 
-def describe_design(found: Design) -> wire.DesignResult:
-    """Describe a design for the wire."""
-    best = found.baseline
+def describe_design(design: Design) -> wire.DesignResult:
+    """Build the view of a design."""
+    best = design.baseline
     values = (
         None
         if best is None
         else shown(wire.BaselineValues, best, **shown(wire.CriterionValues, best.best).model_dump())
     )
-    return shown(wire.DesignResult, found, baseline_values=values)
+    return shown(wire.DesignResult, design, baseline_values=values)
 
 
-def write_trajectory(found: Design, path: Path) -> Path:
-    """Write the trajectory of a design as it is stored."""
-    pq.write_table(design_table(found), path)
+def write_trajectory(design: Design, path: Path) -> Path:
+    """Write the trajectory of a design as Parquet, the form in which it is stored."""
+    pq.write_table(design_table(design), path)
     return path
 
 
 def trajectory_as_csv(path: Path) -> Iterator[bytes]:
-    """Give a stored trajectory as CSV, a part at a time."""
+    """Yield a stored trajectory as CSV, some rows at a time, so that it is never in memory as a whole."""
     file = pq.ParquetFile(path)
     for index, batch in enumerate(file.iter_batches(ROWS)):
         yield csv_of(pa.Table.from_batches([batch]), header=index == 0)
 
 
 def trajectory_as_samples(path: Path, joints: list[str]) -> wire.TrajectorySamples:
-    """Give a stored trajectory as JSON arrays, [sample][joint]."""
+    """Return a stored trajectory as arrays, [sample][joint]."""
     reference = stored_reference(path, joints)
     return shown(wire.TrajectorySamples, reference, joints=joints)
 
 
 def trajectory_for_ros2(path: Path, joints: list[str]) -> Iterator[str]:
-    """Give a stored trajectory as a JointTrajectory message in YAML, a line or four at a time."""
+    """Yield a stored trajectory as a JointTrajectory message in YAML, some lines at a time."""
     reference = stored_reference(path, joints)
     return joint_trajectory(joints, reference.t, reference.q, reference.dq, reference.ddq)
 
 
 def stored_reference(path: Path, joints: list[str]) -> Reference:
-    """Read a stored trajectory."""
+    """Read a stored trajectory: t (m,), and q, dq, ddq (m, n)."""
     table = pq.read_table(path)
 
     def matrix(kind: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
@@ -114,16 +121,35 @@ def stored_reference(path: Path, joints: list[str]) -> Reference:
 
 
 def clearances_of(
-    asked: wire.DesignRequest, robot: Robot, trajectory: Path, mesh_folders: Sequence[Path], points: int
+    wire_request: wire.DesignRequest, robot: Robot, trajectory: Path, mesh_folders: Sequence[Path], points: int
 ) -> wire.DesignClearances:
-    """What the links are nearest to along a stored trajectory, at about so many of its samples."""
+    """Find what each link is nearest to along a stored trajectory.
+
+    Parameters
+    ----------
+    wire_request : DesignRequest
+        The body of the design, which states the surroundings.
+    robot : Robot
+        The robot.
+    trajectory : Path
+        The stored trajectory.
+    mesh_folders : sequence of Path
+        Folders with collision meshes.
+    points : int
+        At how many samples to look, about.
+
+    Returns
+    -------
+    DesignClearances
+        Distances per link and sample, and the surroundings to draw.
+    """
     motion = stored_reference(trajectory, list(robot.joint_names))
-    chosen = np.unique(np.linspace(0, len(motion.t) - 1, min(points, len(motion.t))).astype(np.intp))
-    found = nearest_along(robot, design_request(asked), motion.q[chosen], mesh_folders)
-    around = design_request(asked).surroundings
+    rows = np.unique(np.linspace(0, len(motion.t) - 1, min(points, len(motion.t))).astype(np.intp))
+    nearest = nearest_along(robot, design_request(wire_request), motion.q[rows], mesh_folders)
+    around = design_request(wire_request).surroundings
     return wire.DesignClearances(
-        t=motion.t[chosen].tolist(),
-        links=[_link_clearances(one) for one in found],
+        t=motion.t[rows].tolist(),
+        links=[_link_clearances(link) for link in nearest],
         edges=[edge for box in around.boxes for edge in _edges(block_of(box))],
         walls=[_plane(wall) for wall in around.walls],
     )
@@ -132,39 +158,58 @@ def clearances_of(
 def _edges(block: Block) -> Iterator[Any]:
     middle, half = block.placement[:3, 3], block.placement[:3, :3] * block.size / 2.0
     for k, (a, b) in product(range(3), product((-1.0, 1.0), repeat=2)):
-        beside = middle + a * half[:, k - 2] + b * half[:, k - 1]
-        yield tuple(np.round([beside - half[:, k], beside + half[:, k]], _DIGITS).tolist())
+        # Four edges are parallel to each axis; the signs of the other two axes tell them apart.
+        midpoint = middle + a * half[:, k - 2] + b * half[:, k - 1]
+        yield tuple(np.round([midpoint - half[:, k], midpoint + half[:, k]], _DIGITS).tolist())
 
 
 def _plane(wall: Wall) -> wire.WallPlane:
+    # The right singular vectors after the first span the plane at right angles to the normal.
     along: Any = np.linalg.svd(np.array([wall.normal]))[2][1:].tolist()
     return wire.WallPlane(point=wall.point, along=along)
 
 
-def _link_clearances(found: Nearest) -> wire.LinkClearances:
+def _link_clearances(nearest: Nearest) -> wire.LinkClearances:
     return wire.LinkClearances(
-        name=found.body.name,
-        frame=found.body.joint,
-        others=[wire.Other(name=one.name, frame=None if one.joint < 0 else one.joint) for one in found.others],
-        **{name: np.round(getattr(found, name), _DIGITS).tolist() for name in ("distance", "wanted", "here", "there")},
-        to=found.to.tolist(),
+        name=nearest.body.name,
+        frame=nearest.body.joint,
+        others=[
+            wire.Other(name=other.name, frame=None if other.joint < 0 else other.joint) for other in nearest.others
+        ],
+        **{
+            name: np.round(getattr(nearest, name), _DIGITS).tolist() for name in ("distance", "wanted", "here", "there")
+        },
+        to=nearest.to.tolist(),
     )
 
 
-def reference_of_design(found: Design) -> Reference:
-    """Give the motion of a design."""
-    return Reference(found.t, found.q, found.dq, found.ddq)
+def reference_of_design(design: Design) -> Reference:
+    """Return the motion of a design as a reference trajectory."""
+    return Reference(design.t, design.q, design.dq, design.ddq)
 
 
 def design_of(request: Mapping[str, object], result: Mapping[str, object], trajectory: Path) -> Design:
-    """Take a stored design: its request, its result, and the file of its trajectory."""
-    asked, told = wire.DesignRequest.model_validate(request), wire.DesignResult.model_validate(result)
-    motion = stored_reference(trajectory, told.joints)
-    baseline = told.baseline_values
+    """Restore a stored design.
+
+    Parameters
+    ----------
+    request, result : mapping
+        The stored request and result, as JSON.
+    trajectory : Path
+        The file of its trajectory.
+
+    Returns
+    -------
+    Design
+        The design as the library made it.
+    """
+    wire_request, wire_result = wire.DesignRequest.model_validate(request), wire.DesignResult.model_validate(result)
+    motion = stored_reference(trajectory, wire_result.joints)
+    baseline = wire_result.baseline_values
     return known(
         Design,
-        told,
-        request=design_request(asked),
+        wire_result,
+        request=design_request(wire_request),
         t=motion.t,
         q=motion.q,
         dq=motion.dq,

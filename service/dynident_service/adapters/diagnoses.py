@@ -1,4 +1,4 @@
-"""Diagnoses, the figures behind their ranked effects, and series of days between the contract and the science."""
+"""Views of diagnoses, of the figures behind their candidates, and of series of days; stored diagnoses read back."""
 
 from __future__ import annotations
 
@@ -19,89 +19,126 @@ from dynident_service.problems import ProblemError, unusable
 
 
 def describe_diagnosis(
-    found: AdvisedDiagnosis, robot_id: str, measurement_ids: Sequence[str] = ()
+    diagnosis: AdvisedDiagnosis, robot_id: str, measurement_ids: Sequence[str] = ()
 ) -> wire.DiagnosisResult:
-    """Describe a diagnosis of measurements for the wire; without their ids where they are no resources."""
-    advice = found.next_experiment
+    """Build the view of a diagnosis.
+
+    Parameters
+    ----------
+    diagnosis : AdvisedDiagnosis
+        The diagnosis with its next experiment.
+    robot_id : str
+        The robot that a proposed design is for.
+    measurement_ids : sequence of str
+        The measurements that the next experiment complements; empty on the command line, where they are files.
+
+    Returns
+    -------
+    DiagnosisResult
+        The view.
+    """
+    advice = diagnosis.next_experiment
     return shown(
         wire.DiagnosisResult,
-        found,
+        diagnosis,
         next_experiment=None if advice is None else show_next(advice, robot_id, measurement_ids),
-        changes=None if found.changes is None else [show_change(one) for one in found.changes],
+        changes=None if diagnosis.changes is None else [show_change(change) for change in diagnosis.changes],
     )
 
 
-def show_change(one: Change) -> wire.Change:
-    """Show what differs from the baseline, the number that says how large it is first."""
-    return shown(wire.Change, one, **shown(wire.ChangedValue, one.main).model_dump())
+def show_change(change: Change) -> wire.Change:
+    """Build the view of a change since the baseline; its main parameter stands at the top level."""
+    return shown(wire.Change, change, **shown(wire.ChangedValue, change.main).model_dump())
 
 
 def show_next(advice: NextExperiment, robot_id: str, measurement_ids: Sequence[str] = ()) -> wire.NextExperiment:
-    """Show a proposed experiment, its design ready to be posted and to count the data at hand as earlier runs."""
+    """Build the view of a proposed experiment, whose design can be posted and complements the data at hand."""
     body = show_request(advice.design, robot_id).model_dump(mode="json", exclude_defaults=True)
     if measurement_ids:
         body["earlier_ids"] = list(measurement_ids)
-    # The kind is a default, but nobody should have to know that.
+    # Defaults are left out, except the kind: readers of the proposal should see what it is.
     return shown(wire.NextExperiment, advice, design={"robot_id": robot_id, "kind": advice.design.kind, **body})
 
 
 def diagnosis_of(stored: Mapping[str, object]) -> AdvisedDiagnosis:
-    """Make the diagnosis of a stored result."""
-    told = wire.DiagnosisResult.model_validate(stored)
+    """Restore a diagnosis from its stored result."""
+    wire_result = wire.DiagnosisResult.model_validate(stored)
     return known(
         AdvisedDiagnosis,
-        told,
-        next_experiment=None if told.next_experiment is None else advice_of(told.next_experiment),
+        wire_result,
+        next_experiment=None if wire_result.next_experiment is None else advice_of(wire_result.next_experiment),
         changes=None
-        if told.changes is None
-        else tuple(known(Change, one, main=known(ChangedValue, one)) for one in told.changes),
+        if wire_result.changes is None
+        else tuple(known(Change, change, main=known(ChangedValue, change)) for change in wire_result.changes),
     )
 
 
-def advice_of(told: wire.NextExperiment) -> NextExperiment:
-    """Make the proposed experiment of a stored result."""
-    return known(NextExperiment, told, design=design_request(DesignRequest.model_validate(told.design)))
+def advice_of(wire_experiment: wire.NextExperiment) -> NextExperiment:
+    """Restore a proposed experiment from its view."""
+    return known(
+        NextExperiment, wire_experiment, design=design_request(DesignRequest.model_validate(wire_experiment.design))
+    )
 
 
-def write_evidence(found: Sequence[Evidence], robot: Robot) -> bytes:
-    """Write all figures of a diagnosis."""
-    return json.dumps([plain(_figure(one, found, robot)) for one in found]).encode()
+def write_evidence(figures: Sequence[Evidence], robot: Robot) -> bytes:
+    """Return all figures of a diagnosis as JSON, for the object store."""
+    return json.dumps([plain(_figure(figure, figures, robot)) for figure in figures]).encode()
 
 
 def read_evidence(content: bytes, rank: int, joint: str | None) -> wire.Evidence:
-    """Read the figure of a ranked effect on a joint, or on that which it explains most of.
+    """Read the figure of a candidate on a joint.
+
+    Parameters
+    ----------
+    content : bytes
+        What `write_evidence` returned.
+    rank : int
+        Rank of the candidate, from 1.
+    joint : str, optional
+        The joint; without it the one on which the candidate explains most.
+
+    Returns
+    -------
+    Evidence
+        The figure.
 
     Raises
     ------
     ProblemError
         404 where there is none of that rank, 422 where there is none for that joint.
     """
-    found = [one for one in json.loads(content) if one["rank"] == rank]
-    if not found:
+    figures = [figure for figure in json.loads(content) if figure["rank"] == rank]
+    if not figures:
         raise ProblemError(404, f"There is no figure for the effect of rank {rank}.", title="No figure")
-    joints: list[str] = found[0]["joints"]
-    wanted = joints[0] if joint is None else joint
-    if wanted not in joints:
-        raise unusable(f"there is no figure for {wanted!r}; there are some for: {', '.join(joints)}", "joint")
-    return wire.Evidence.model_validate(next(one for one in found if one["joint"] == wanted))
+    joints: list[str] = figures[0]["joints"]
+    joint_name = joints[0] if joint is None else joint
+    if joint_name not in joints:
+        raise unusable(f"there is no figure for {joint_name!r}; there are some for: {', '.join(joints)}", "joint")
+    return wire.Evidence.model_validate(next(figure for figure in figures if figure["joint"] == joint_name))
 
 
-def _figure(one: Evidence, found: Sequence[Evidence], robot: Robot) -> wire.Evidence:
-    same = sorted((other for other in found if other.rank == one.rank), key=lambda other: -other.explained)
+def _figure(figure: Evidence, figures: Sequence[Evidence], robot: Robot) -> wire.Evidence:
+    # The first joint of this list is the one that `read_evidence` shows when none is asked for.
+    same = sorted((other for other in figures if other.rank == figure.rank), key=lambda other: -other.explained)
     return shown(
         wire.Evidence,
-        one,
+        figure,
         joints=[other.joint for other in same],
-        effort_unit=robot.joints[robot.joint_names.index(one.joint)].effort_unit,
+        effort_unit=robot.joints[robot.joint_names.index(figure.joint)].effort_unit,
     )
 
 
-def describe_series(found: Series) -> wire.SeriesResult:
-    """Describe a series of days for the wire."""
-    courses = [shown(wire.Course, one, lower=one.intervals[:, 0], upper=one.intervals[:, 1]) for one in found.courses]
-    return shown(wire.SeriesResult, found, changes=[_change(found, one) for one in found.changes], courses=courses)
+def describe_series(series: Series) -> wire.SeriesResult:
+    """Build the view of a series of days."""
+    courses = [
+        shown(wire.Course, course, lower=course.intervals[:, 0], upper=course.intervals[:, 1])
+        for course in series.courses
+    ]
+    return shown(
+        wire.SeriesResult, series, changes=[_change(series, change) for change in series.changes], courses=courses
+    )
 
 
-def _change(found: Series, one: SeriesChange) -> wire.SeriesChange:
-    days = {name: found.days[getattr(one, name)] for name in ("since", "earliest", "latest")}
-    return wire.SeriesChange(**show_change(one.change).model_dump(), **days)
+def _change(series: Series, change: SeriesChange) -> wire.SeriesChange:
+    days = {name: series.days[getattr(change, name)] for name in ("since", "earliest", "latest")}
+    return wire.SeriesChange(**show_change(change.change).model_dump(), **days)

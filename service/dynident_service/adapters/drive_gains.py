@@ -1,4 +1,4 @@
-"""Drive gains between the contract and the science."""
+"""Drive gains as views and as tables."""
 
 from __future__ import annotations
 
@@ -15,53 +15,73 @@ from dynident_service.models import drive_gains as wire
 
 def describe_gains(
     robot: Robot,
-    found: DriveGains,
+    drive_gains: DriveGains,
     loads: Sequence[tuple[str, str, PayloadEstimate]] = (),
     warnings: Sequence[str] = (),
 ) -> wire.DriveGainsResult:
-    """Describe gains for the wire, with the loads (measurement's id and name) weighed with them."""
-    gains = [shown(wire.IdentifiedGain, one, unit=_unit(robot, index)) for index, one in enumerate(found.each)]
-    weighed = [shown(wire.WeighedLoad, load, measurement_id=one, name=name) for one, name, load in loads]
-    return wire.DriveGainsResult(gains=gains, loads=weighed, warnings=[*found.warnings, *warnings])
+    """Build the view of drive gains.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, for the units.
+    drive_gains : DriveGains
+        The identified gains.
+    loads : sequence of tuple
+        Id and name of a measurement, and the load that was weighed in it with these gains.
+    warnings : sequence of str
+        Warnings beyond those of the gains.
+
+    Returns
+    -------
+    DriveGainsResult
+        The view.
+    """
+    gains = [shown(wire.IdentifiedGain, gain, unit=_unit(robot, index)) for index, gain in enumerate(drive_gains.each)]
+    weighed = [
+        shown(wire.WeighedLoad, load, measurement_id=measurement_id, name=name) for measurement_id, name, load in loads
+    ]
+    return wire.DriveGainsResult(gains=gains, loads=weighed, warnings=[*drive_gains.warnings, *warnings])
 
 
-def gain_tables(found: wire.DriveGainsResult) -> Iterator[ReportedTable]:
-    """The gains, and the loads weighed with them."""
+def gain_tables(result: wire.DriveGainsResult) -> Iterator[ReportedTable]:
+    """Yield the table of gains and the table of weighed loads."""
     gains = tuple(
         (
-            Cell(one.joint),
-            figure(one.stated, 4),
-            *_within(one.drive_gain, one.interval),
-            Cell("factor" if one.unit == "-" else one.unit),
-            Cell("✓ yes", mark="ok") if one.identifiable else Cell("✕ no", mark="error"),
+            Cell(gain.joint),
+            figure(gain.stated, 4),
+            *_within(gain.drive_gain, gain.interval),
+            Cell("factor" if gain.unit == "-" else gain.unit),
+            Cell("✓ yes", mark="ok") if gain.identifiable else Cell("✕ no", mark="error"),
         )
-        for one in found.gains
+        for gain in result.gains
     )
     yield ReportedTable("Drive gains", ("joint", "stated", "identified", "± 95 %", "unit", "identifiable"), gains)
-    if found.loads:
+    if result.loads:
         loads = tuple(
             (
-                Cell(one.name),
-                *_within(one.mass, one.interval),
-                interval(one.interval),
-                figure(one.from_gains, 2),
-                *words("yes" if one.identifiable else "no"),
+                Cell(load.name),
+                *_within(load.mass, load.interval),
+                interval(load.interval),
+                figure(load.from_gains, 2),
+                *words("yes" if load.identifiable else "no"),
             )
-            for one in found.loads
+            for load in result.loads
         )
         columns = ("measurement", "mass", "± 95 %", "95 % interval", "σ from the gains", "shows at all")
         yield ReportedTable("Loads weighed with these gains, kg", columns, loads)
 
 
 def _within(value: float, ends: tuple[float | None, float | None]) -> tuple[Cell, Cell]:
-    """A value, and half of its interval, with as many digits as that has."""
+    """Return the cells of a value and of half its interval; the interval decides the digits."""
     low, high = ends
     half = None if low is None or high is None else (high - low) / 2.0
-    told = estimate(value, inf if half is None else half)
-    return Cell(told[0], value), Cell(told[1], half)
+    texts = estimate(value, inf if half is None else half)
+    return Cell(texts[0], value), Cell(texts[1], half)
 
 
 def _unit(robot: Robot, index: int) -> str:
+    # Without a stated gain the recorded torque is multiplied by a factor, which has no unit.
     if robot.drives[index].gain is None:
         return "-"
     return "N m/A" if robot.joints[index].kind == "revolute" else "N/A"

@@ -1,4 +1,4 @@
-"""Chosen effects between the contract and the science."""
+"""Conversion of chosen effects between the contract and the library."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ from dynident.effects import EffectChoice
 from dynident_service.models import common
 
 
-def choice_of(asked: common.EffectChoice) -> EffectChoice:
-    """Take a chosen effect off the wire."""
-    shape = tuple(sorted(asked.shape_parameters.items()))
-    return EffectChoice(asked.effect, tuple(asked.joints), shape, tuple(asked.runs))
+def choice_of(wire_choice: common.EffectChoice) -> EffectChoice:
+    """Convert a chosen effect of a body."""
+    # Sorted, so that the same constants in another order are the same choice.
+    shape = tuple(sorted(wire_choice.shape_parameters.items()))
+    return EffectChoice(wire_choice.effect, tuple(wire_choice.joints), shape, tuple(wire_choice.runs))
 
 
-def choices_of(asked: Iterable[common.EffectChoice]) -> tuple[EffectChoice, ...]:
-    """Take chosen effects off the wire."""
-    return tuple(choice_of(one) for one in asked)
+def choices_of(wire_choices: Iterable[common.EffectChoice]) -> tuple[EffectChoice, ...]:
+    """Convert the chosen effects of a body."""
+    return tuple(choice_of(wire_choice) for wire_choice in wire_choices)
 
 
 def show_choice(choice: EffectChoice) -> common.EffectChoice:
-    """Show a chosen effect."""
+    """Build the view of a chosen effect."""
     return common.EffectChoice(
         effect=choice.effect,
         joints=list(choice.joints),

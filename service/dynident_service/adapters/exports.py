@@ -1,4 +1,4 @@
-"""Identified models as files, on the wire."""
+"""Identified models as files to download."""
 
 from __future__ import annotations
 
@@ -12,12 +12,28 @@ from dynident.export import ExportedFile, ExportFormat, export_model, model_docu
 from dynident.identification import Identification
 
 NOTES_HEADER = "Dynident-Notes"
-# Proxies refuse answers with long headers; the file has all notes.
+# Many proxies refuse headers above 4 or 8 kB in total. The file itself has all notes.
 _LONGEST = 3000
 
 
 def exported_file(model: Identification, format: ExportFormat, nearest: bool, shown: dict[str, object]) -> ExportedFile:
-    """Write a model; as JSON together with what the service shows of it.
+    """Export a model.
+
+    Parameters
+    ----------
+    model : Identification
+        The model.
+    format : str
+        The format; "json" includes what the service shows of the model.
+    nearest : bool
+        Whether to export the nearest physically feasible parameters where the format needs feasible ones.
+    shown : dict
+        What the service shows of the model.
+
+    Returns
+    -------
+    ExportedFile
+        The file, with notes on what the format cannot hold.
 
     Raises
     ------
@@ -35,7 +51,7 @@ def exported_file(model: Identification, format: ExportFormat, nearest: bool, sh
 
 
 def file_response(file: ExportedFile) -> Response:
-    """Answer with a file to be saved; what the format could not hold is in a header, as a JSON list of sentences."""
+    """Build the response with a file to be saved; its notes are a JSON list of sentences in a header."""
     headers = {"Content-Disposition": f'attachment; filename="{file.name}"'}
     if file.notes:
         headers[NOTES_HEADER] = _notes(file.notes)
@@ -43,11 +59,11 @@ def file_response(file: ExportedFile) -> Response:
 
 
 def _notes(notes: Sequence[str]) -> str:
-    """JSON in ASCII, of as many notes as a header may hold."""
+    """Return as many notes as a header may hold, as JSON in ASCII."""
     for count in range(len(notes), 0, -1):
-        kept = list(notes[:count])
+        shortened = list(notes[:count])
         if count < len(notes):
-            kept.append(f"{len(notes) - count} more in the file")
-        if len(text := json.dumps(kept)) <= _LONGEST:
+            shortened.append(f"{len(notes) - count} more in the file")
+        if len(text := json.dumps(shortened)) <= _LONGEST:
             return text
     return json.dumps([f"{len(notes)} notes in the file"])

@@ -1,4 +1,4 @@
-"""The geometry of a robot for the wire."""
+"""The geometry of a robot as a view: frames, capsules, thinned meshes, and poses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dynident.robot.surfaces import Surface, thinned
 from dynident_service.models import geometry as wire
 
 MOST_TRIANGLES = 9000
-"""Of a whole robot: as many as a page turns without waiting."""
+"""Triangles of a whole robot: a page still turns so many fluently."""
 FEWEST = 120
 """Triangles that a small mesh keeps, whatever its neighbours have."""
 DIGITS = 5
@@ -25,34 +25,63 @@ DIGITS = 5
 
 
 def describe_geometry(robot: Robot, mesh_folders: Sequence[Path] = ()) -> wire.GeometryView:
-    """Describe where a robot's links are; those without collision geometry have a frame only."""
-    found = collision_geometry(robot.tree, mesh_folders=mesh_folders)
-    number = sum(len(surface.triangles) for body in found.bodies for surface in body.surfaces)
+    """Build the view of a robot's links.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot. A link without collision geometry has a frame only.
+    mesh_folders : sequence of Path
+        Folders with the files of its collision meshes.
+
+    Returns
+    -------
+    GeometryView
+        Frames, capsules, surfaces and closed loops.
+    """
+    collision = collision_geometry(robot.tree, mesh_folders=mesh_folders)
+    number = sum(len(surface.triangles) for body in collision.bodies for surface in body.surfaces)
     closure = robot.linkage.closure if robot.linkage else None
+    # All meshes are thinned by the same share, so that a detailed link keeps more triangles than a plain one.
     share = min(1.0, MOST_TRIANGLES / max(number, 1))
     return wire.GeometryView(
         joints=list(robot.joint_names),
         frames=[_frame(robot, place) for place in range(robot.tree.n)],
-        capsules=[_capsule(body.joint, enclosing_capsule(shape)) for body in found.bodies for shape in body.shapes],
-        surfaces=[_surface(body.joint, one, share) for body in found.bodies for one in body.surfaces],
-        loops=[_loop(one) for one in closure.loops] if closure else [],
+        capsules=[_capsule(body.joint, enclosing_capsule(shape)) for body in collision.bodies for shape in body.shapes],
+        surfaces=[_surface(body.joint, surface, share) for body in collision.bodies for surface in body.surfaces],
+        loops=[_loop(loop) for loop in closure.loops] if closure else [],
         closed=closure.check().tolist() if closure else [],
-        notes=list(found.notes),
+        notes=list(collision.notes),
     )
 
 
 def describe_poses(robot: Robot, q: FloatArray) -> wire.PosesView:
-    """Where the frames of the tree are at positions (m, n) of the robot's joints."""
+    """Compute where the frames of a robot are.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q : array (m, n)
+        Positions of its joints, rad or m.
+
+    Returns
+    -------
+    PosesView
+        12 numbers a posture and frame; None for frames of a loop that does not close there.
+    """
     tree, positions, lost = robot.tree, q, np.zeros((len(q), robot.tree.n), dtype=np.bool_)
     if robot.linkage is not None:
-        passive, found = np.zeros((len(q), 0)), np.ones(len(q), dtype=np.bool_)
+        passive, is_closed = np.zeros((len(q), 0)), np.ones(len(q), dtype=np.bool_)
         if robot.linkage.closure:
-            passive, found = robot.linkage.closure.follow(q)
+            passive, is_closed = robot.linkage.closure.follow(q)
         positions = np.hstack([q, passive]) @ robot.linkage.ratios.T + robot.linkage.offsets
+        # Where a loop cannot be closed, the passive positions are meaningless, and so are all frames that depend on
+        # them: those of passive joints, and of every joint that a passive one carries. Parents come before children.
         loose = (robot.linkage.ratios[:, robot.n :] != 0.0).any(axis=1)
         for place, joint in enumerate(tree.joints):
             loose[place] |= joint.parent >= 0 and loose[joint.parent]
-        lost = ~found[:, None] & loose
+        lost = ~is_closed[:, None] & loose
     poses = np.round(joint_frames(tree, positions)[:, :, :3].reshape(len(q), tree.n, 12), DIGITS).tolist()
     for posture, frame in np.argwhere(lost):
         poses[posture][frame] = None
@@ -60,11 +89,11 @@ def describe_poses(robot: Robot, q: FloatArray) -> wire.PosesView:
 
 
 def _surface(joint: int, surface: Surface, share: float) -> wire.SurfaceView:
-    shown = thinned(surface, max(FEWEST, int(share * len(surface.triangles))))
+    thinned_surface = thinned(surface, max(FEWEST, int(share * len(surface.triangles))))
     return wire.SurfaceView(
         frame=None if joint == BASE else joint,
-        points=np.round(shown.points, DIGITS).tolist(),
-        triangles=shown.triangles.tolist(),
+        points=np.round(thinned_surface.points, DIGITS).tolist(),
+        triangles=thinned_surface.triangles.tolist(),
     )
 
 
@@ -84,7 +113,7 @@ def _frame(robot: Robot, place: int) -> wire.FrameView:
 
 
 def _follows(robot: Robot, place: int) -> tuple[list[float], float]:
-    """How a joint of the tree follows the robot's joints and its passive positions: ratios (n + p,) and offset."""
+    """Return how a frame depends on the joints and passive positions: ratios (n + p,) and an offset."""
     if robot.linkage is None:
         return [float(place == other) for other in range(robot.n)], 0.0
     return robot.linkage.ratios[place].tolist(), float(robot.linkage.offsets[place])

@@ -1,4 +1,4 @@
-"""Identifications between the contract and the science."""
+"""Identifications: choices from request bodies, views and tables of identified models."""
 
 from __future__ import annotations
 
@@ -23,9 +23,26 @@ from dynident_service.models import identifications as wire
 def choices_from_request(
     request: wire.IdentificationRequest, robot: Robot, recordings: Sequence[Recording] = ()
 ) -> IdentificationChoices:
-    """Take the choices of a request; `DynidentError` where they do not fit the robot, exist, or are available.
+    """Build the choices of an identification from a body.
 
-    The preprocessing is left to the data where there are no recordings to choose it from.
+    Parameters
+    ----------
+    request : IdentificationRequest
+        The body.
+    robot : Robot
+        The robot.
+    recordings : sequence of Recording
+        Recordings that the filters are chosen from. Without them, the filters are left to the identification.
+
+    Returns
+    -------
+    IdentificationChoices
+        The choices.
+
+    Raises
+    ------
+    DynidentError
+        Where a choice does not exist, is not available, or does not fit the robot.
     """
     filters = _preprocessing(request, recordings) if recordings else None
     choices = taken(request, IdentificationChoices, preprocessing=filters)
@@ -34,63 +51,79 @@ def choices_from_request(
 
 
 def describe_identification(
-    found: Identification, parent_id: str | None, parent: Identification | None = None
+    identification: Identification, parent_id: str | None, parent: Identification | None = None
 ) -> wire.IdentificationResult:
-    """Describe an identified model for the wire, with the models between it and the one that it was made from."""
+    """Build the view of an identified model.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model.
+    parent_id : str, optional
+        Id of the model that it was made from.
+    parent : Identification, optional
+        That model; with it the view has the steps between the two.
+
+    Returns
+    -------
+    IdentificationResult
+        The view.
+    """
     return shown(
         wire.IdentificationResult,
-        found,
-        residual=show_fit(found),
-        dependence=parameter_dependence(found).sentences,
+        identification,
+        residual=show_fit(identification),
+        dependence=parameter_dependence(identification).sentences,
         parent_id=parent_id,
-        rungs=[] if parent is None else [_step(one) for one in _between(parent, found)],
-        effort_units=[joint.effort_unit for joint in found.model.robot.joints],
+        rungs=[] if parent is None else [_step(step) for step in _between(parent, identification)],
+        effort_units=[joint.effort_unit for joint in identification.model.robot.joints],
     )
 
 
-def describe_essential(found: EssentialPath) -> wire.EssentialView:
-    """Describe what is left of a model by backward elimination."""
-    left = [one for one in found.identification.parameters if one.essential]
-    return shown(wire.EssentialView, found, parameters=left, tables=show_tables(essential_tables(found)))
+def describe_essential(path: EssentialPath) -> wire.EssentialView:
+    """Build the view of a backward elimination with the essential parameters."""
+    essential_parameters = [parameter for parameter in path.identification.parameters if parameter.essential]
+    return shown(wire.EssentialView, path, parameters=essential_parameters, tables=show_tables(essential_tables(path)))
 
 
-def identification_tables(found: wire.IdentificationResult) -> Iterator[ReportedTable]:
-    """The parameters and the shape constants of a stored result."""
-    yield parameter_table("Base parameters", [_parameter(one) for one in found.parameters])
-    if found.shape_constants:
-        yield shape_table([known(ShapeConstant, one) for one in found.shape_constants], found.joints)
+def identification_tables(result: wire.IdentificationResult) -> Iterator[ReportedTable]:
+    """Yield the tables of parameters and of shape constants of a stored result."""
+    yield parameter_table("Base parameters", [_parameter(parameter) for parameter in result.parameters])
+    if result.shape_constants:
+        yield shape_table([known(ShapeConstant, constant) for constant in result.shape_constants], result.joints)
 
 
-def _parameter(one: wire.ParameterView) -> IdentifiedParameter:
-    # Older versions stored no judgement.
-    judged = one.judgement or ("determined" if one.well_identified else "uncertain")
-    return known(IdentifiedParameter, one, judgement=judged)
+def _parameter(parameter: wire.ParameterView) -> IdentifiedParameter:
+    # Models that older versions stored have no judgement; it follows from what they have.
+    judgement = parameter.judgement or ("determined" if parameter.well_identified else "uncertain")
+    return known(IdentifiedParameter, parameter, judgement=judgement)
 
 
-def show_fit(found: Identification) -> wire.ErrorsView:
-    """Show the errors of a model on the data that it was identified from."""
-    return show_errors(found.fit, found.fit_moving, found.noise)
+def show_fit(identification: Identification) -> wire.ErrorsView:
+    """Build the view of the errors on the data that a model was identified from."""
+    return show_errors(identification.fit, identification.fit_moving, identification.noise)
 
 
-def _between(parent: Identification, found: Identification) -> list[Identification]:
-    """The models above `parent` and below `found`, in the order in which they were made."""
+def _between(parent: Identification, identification: Identification) -> list[Identification]:
+    """Return the models between `parent` and `identification`, both excluded, in the order they were made."""
     between: list[Identification] = []
-    below = found.step.parent
-    while below is not None and below is not parent:
-        between.insert(0, below)
-        below = below.step.parent
+    ancestor = identification.step.parent
+    while ancestor is not None and ancestor is not parent:
+        between.insert(0, ancestor)
+        ancestor = ancestor.step.parent
     return between
 
 
-def _step(found: Identification) -> wire.StepView:
-    return shown(wire.StepView, found, residual=show_fit(found))
+def _step(identification: Identification) -> wire.StepView:
+    return shown(wire.StepView, identification, residual=show_fit(identification))
 
 
 def _preprocessing(request: wire.IdentificationRequest, recordings: Sequence[Recording]) -> Preprocessing | None:
-    """The filters that were asked for; None where all of them are left to the data and to what the model explains."""
-    asked = request.preprocessing
-    given = {} if isinstance(asked, str) else asked.model_dump()
-    if all(value == "auto" for value in given.values()):
+    """Return the filters that a body states; None where all of them are chosen by the identification."""
+    stated_filters = request.preprocessing
+    filter_values = {} if isinstance(stated_filters, str) else stated_filters.model_dump()
+    if all(value == "auto" for value in filter_values.values()):
         return None
+    # Tests of friction at constant velocity say nothing about the bandwidth of the motion.
     motions, _ = motions_and_friction(recordings)
-    return preprocessing_from_request(given, motions)
+    return preprocessing_from_request(filter_values, motions)

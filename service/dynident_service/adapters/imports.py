@@ -1,4 +1,4 @@
-"""Files that are looked at, between the contract and the science."""
+"""Inspections of uploaded files as views, with the metadata that are proposed for them."""
 
 from __future__ import annotations
 
@@ -15,36 +15,59 @@ from dynident_service.models.common import plain
 from dynident_service.models.measurements import MeasurementMetadata
 
 
-def look_at(source: Path, robot: Robot, said: wire.ImportMetadata, sha256: str) -> wire.ImportResult:
-    """Look at a user's file, which is known by its `sha256`; what is said of it goes before what is guessed."""
-    known = taken(said, RecordingMetadata)
-    found = inspect_file(source, robot, known.rate)
-    assert found.proposal is not None
+def look_at(source: Path, robot: Robot, metadata: wire.ImportMetadata, sha256: str) -> wire.ImportResult:
+    """Inspect an uploaded file and propose metadata for it.
+
+    Parameters
+    ----------
+    source : Path
+        The file.
+    robot : Robot
+        The robot that it is a recording of.
+    metadata : ImportMetadata
+        What the user states; it wins over what is guessed.
+    sha256 : str
+        The hash of the file.
+
+    Returns
+    -------
+    ImportResult
+        Guesses, open questions and the proposed metadata.
+    """
+    stated_metadata = taken(metadata, RecordingMetadata)
+    inspection = inspect_file(source, robot, stated_metadata.rate)
+    assert inspection.proposal is not None
     proposed = replace(
-        known,
-        columns={**found.proposal.columns, **known.columns},
-        units={**found.proposal.units, **known.units},
-        effort_kind=found.proposal.effort_kind,
+        stated_metadata,
+        columns={**inspection.proposal.columns, **stated_metadata.columns},
+        units={**inspection.proposal.units, **stated_metadata.units},
+        effort_kind=inspection.proposal.effort_kind,
     )
-    answered = {key.rstrip("0123456789") for key in (*known.columns, *known.units)}
-    view = describe_inspection(found, sha256)
-    questions = [one for one in view.questions if one.field.rpartition("/")[2].rstrip("0123456789") not in answered]
-    document = plain(body(MeasurementMetadata, proposed, robot_id=said.robot_id))
+    # A question about the columns of one kind, as tau1…, is answered by any stated key of that kind.
+    answered = {key.rstrip("0123456789") for key in (*stated_metadata.columns, *stated_metadata.units)}
+    view = describe_inspection(inspection, sha256)
+    questions = [
+        question
+        for question in view.questions
+        if question.field.rpartition("/")[2].rstrip("0123456789") not in answered
+    ]
+    document = plain(body(MeasurementMetadata, proposed, robot_id=metadata.robot_id))
     return wire.ImportResult(**{**view.model_dump(), "questions": questions, "proposed": document})
 
 
-def describe_inspection(found: Inspection, sha256: str) -> wire.InspectionView:
-    """Describe what was found in a file for the wire."""
-    proposal = found.proposal
+def describe_inspection(inspection: Inspection, sha256: str) -> wire.InspectionView:
+    """Build the view of an inspection; without a proposal it has no guesses and questions."""
+    proposal = inspection.proposal
     questions = [
-        shown(wire.QuestionView, one, choices=one.choices or None) for one in (proposal.questions if proposal else ())
+        shown(wire.QuestionView, question, choices=question.choices or None)
+        for question in (proposal.questions if proposal else ())
     ]
     return shown(
         wire.InspectionView,
-        found,
+        inspection,
         sha256=sha256,
         guesses=proposal.guesses if proposal else [],
         questions=questions,
         effort_kind=proposal.effort_kind if proposal else "unknown",
-        preview=shown(wire.PreviewView, found),
+        preview=shown(wire.PreviewView, inspection),
     )

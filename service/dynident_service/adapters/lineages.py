@@ -1,4 +1,4 @@
-"""Two ladders of models beside each other, rung by rung."""
+"""Ladders of models as views, and the comparison of two ladders step by step."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ T = TypeVar("T", int, float)
 
 
 def rungs_of_views(views: Sequence[IdentificationView]) -> list[Rung]:
-    """Show a ladder of stored models, the first one first, with what an extension made on its way."""
+    """Build the steps of a ladder of stored models, the first one first, with the intermediate ones of extensions."""
     rungs: list[Rung] = []
     for view in views:
         rungs += _on_the_way(view, rungs[-1] if rungs else None)
@@ -28,17 +28,20 @@ def rungs_of_views(views: Sequence[IdentificationView]) -> list[Rung]:
 
 
 def marked(rungs: Sequence[Rung]) -> list[Rung]:
-    """The same ladder with its best rung marked, and those above it that make the validation error larger."""
-    totals = [one.validation.relative_total for one in rungs if one.validation is not None]
-    known = [total for total in totals if total is not None]
-    found = best_of(known) if len(known) == len(rungs) else None
-    if found is None:
+    """Return a ladder with its best step marked, and the later steps that increase the validation error."""
+    totals = [rung.validation.relative_total for rung in rungs if rung.validation is not None]
+    known_totals = [total for total in totals if total is not None]
+    # Only where every step has a validation error: a step without one could be the best.
+    marks = best_of(known_totals) if len(known_totals) == len(rungs) else None
+    if marks is None:
         return list(rungs)
-    return [one.model_copy(update={"best": k == found.best, "rises": k in found.rises}) for k, one in enumerate(rungs)]
+    return [
+        rung.model_copy(update={"best": k == marks.best, "rises": k in marks.rises}) for k, rung in enumerate(rungs)
+    ]
 
 
 def _on_the_way(view: IdentificationView, below: Rung | None) -> list[Rung]:
-    """The rungs between a model and its parent."""
+    """Build the steps between a model and its parent; an extension by several effects has one for each."""
     rungs: list[Rung] = []
     for number, step in enumerate(view.result.rungs if view.result is not None else [], start=1):
         under = rungs[-1] if rungs else below
@@ -77,14 +80,29 @@ def _own_rung(view: IdentificationView, below: Rung | None) -> Rung:
 
 
 def _added_last(view: IdentificationView, effects: list[EffectChoice], below: Rung | None) -> list[EffectChoice]:
-    """What the last step added: of all that was asked for the part that is new, with the constants that were found."""
+    """Return what the last step added, with the shape constants that were found."""
+    # The steps below have the first of the requested effects; the rest of the list is new at this step.
     if not view.added or view.result is None or below is None:
         return view.added
     return effects[len(below.effects) :]
 
 
 def beside(own: Sequence[Rung], other: Sequence[Rung], same_data: bool) -> Lineage:
-    """Compare two ladders, the first models first."""
+    """Compare two ladders.
+
+    Parameters
+    ----------
+    own, other : sequence of Rung
+        The ladders, their first models first.
+    same_data : bool
+        Whether all their models rest on the same recordings.
+
+    Returns
+    -------
+    Lineage
+        Both ladders, their last common model, and the differences of errors step by step.
+    """
+    # Ladders of one robot may begin with the same models: the last pair of equal ids is where they part.
     shared = [a.id for a, b in zip(own, other, strict=False) if a.id == b.id]
     return Lineage(
         items=list(own),
@@ -97,7 +115,7 @@ def beside(own: Sequence[Rung], other: Sequence[Rung], same_data: bool) -> Linea
 
 def _difference(number: int, own: Rung | None, other: Rung | None) -> RungDifference:
     fit = (own.residual if own else None, other.residual if other else None)
-    tried = (own.validation if own else None, other.validation if other else None)
+    held_out = (own.validation if own else None, other.validation if other else None)
     counts = (own.n_parameters if own else None, other.n_parameters if other else None)
     return RungDifference(
         rung=number,
@@ -106,8 +124,8 @@ def _difference(number: int, own: Rung | None, other: Rung | None) -> RungDiffer
         n_parameters=_minus(*counts),
         residual=_per_joint(*fit),
         residual_total=_total(*fit),
-        validation=_per_joint(*tried),
-        validation_total=_total(*tried),
+        validation=_per_joint(*held_out),
+        validation_total=_total(*held_out),
     )
 
 
@@ -125,16 +143,35 @@ def _minus(a: T | None, b: T | None) -> T | None:
     return None if a is None or b is None else a - b
 
 
-def rungs_of(found: Identification, name: str, beside: tuple[Identification, str] | None = None) -> list[Rung]:
-    """Show the ladder of a model in a file, each rung under a name of its own, or that of the same model `beside`."""
-    models = list(found.ladder())
+def rungs_of(
+    identification: Identification, name: str, other_ladder: tuple[Identification, str] | None = None
+) -> list[Rung]:
+    """Build the steps of a ladder from a model in a file.
+
+    Parameters
+    ----------
+    identification : Identification
+        The last model of the ladder.
+    name : str
+        Its name; the models before it are called name/1, name/2, ….
+    other_ladder : tuple of Identification and str, optional
+        Another ladder and its name. Steps at which both have the same model take the other ladder's ids, so that
+        `beside` sees what they share.
+
+    Returns
+    -------
+    list of Rung
+        The steps, the first model first.
+    """
+    models = list(identification.ladder())
     ids = _ids(name, len(models))
-    if beside is not None:
-        others = list(beside[0].ladder())
+    if other_ladder is not None:
+        others = list(other_ladder[0].ladder())
         for k, (model, other) in enumerate(zip(models, others, strict=False)):
+            # Models in files have no ids: they are the same if their choices and all their values are.
             if model.choices != other.choices or not np.array_equal(model.values, other.values):
                 break
-            ids[k] = _ids(beside[1], len(others))[k]
+            ids[k] = _ids(other_ladder[1], len(others))[k]
     rungs = [
         shown(
             Rung,

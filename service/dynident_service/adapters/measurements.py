@@ -1,4 +1,4 @@
-"""Recordings between the contract and the science."""
+"""Recordings: import of uploaded files, views of recordings and of their checks."""
 
 from __future__ import annotations
 
@@ -22,14 +22,36 @@ from dynident_service.problems import Problem, ProblemField, problem_of
 from dynident_service.storage.records import Resource
 
 if TYPE_CHECKING:
-    # The command line uses this room, too, where no object store is installed.
+    # The command line uses this module, too, where no object store is installed.
     from dynident_service.storage.objects import ObjectStore
 
 
 def import_file(
     source: Path, destination: Path, robot: Robot, metadata: wire.MeasurementMetadata
 ) -> tuple[Recording, tuple[Check, ...]]:
-    """Check a user's file and store it as a canonical recording."""
+    """Check an uploaded file and write it as a recording.
+
+    Parameters
+    ----------
+    source, destination : Path
+        The uploaded file, and where the recording is written.
+    robot : Robot
+        The robot.
+    metadata : MeasurementMetadata
+        What the user states about the file.
+
+    Returns
+    -------
+    recording : Recording
+        The recording.
+    checks : tuple of Check
+        What was checked, with warnings.
+
+    Raises
+    ------
+    RecordingError
+        Where the file cannot be used.
+    """
     return import_for_robot(
         robot,
         source,
@@ -39,15 +61,15 @@ def import_file(
 
 
 def describe_recording(recording: Recording, checks: Sequence[Check], sha256: str) -> wire.MeasurementResult:
-    """Describe a recording for the wire."""
+    """Build the view of a recording and its checks."""
     segments = [
         shown(
             wire.SegmentView,
-            one,
-            end_time=one.start_time + (one.length - 1) * recording.period,
-            n_samples=one.length,
+            segment,
+            end_time=segment.start_time + (segment.length - 1) * recording.period,
+            n_samples=segment.length,
         )
-        for one in recording.segments
+        for segment in recording.segments
     ]
     return shown(
         wire.MeasurementResult,
@@ -61,17 +83,20 @@ def describe_recording(recording: Recording, checks: Sequence[Check], sha256: st
 
 
 def show_checks(checks: Sequence[Check]) -> list[wire.CheckView]:
-    """Show what was looked at."""
-    return [shown(wire.CheckView, one, apply=None if one.apply is None else show_revision(one.apply)) for one in checks]
+    """Build the views of checks, with the revision that cures each where one is known."""
+    return [
+        shown(wire.CheckView, check, apply=None if check.apply is None else show_revision(check.apply))
+        for check in checks
+    ]
 
 
 def problem_with_file(error: RecordingError) -> Problem:
-    """Say what is wrong with a file: the column, the row or the time; and all else that was found."""
+    """Build the problem document for an unusable file: column, row or time, and all checks."""
     problem = problem_of(error)
-    # What is said of the file is a part of the form; a column of the file is named as it is.
+    # A pointer to metadata starts with "/" and lies below the form field; a column of the file is named as it is.
     pointer = f"/metadata{error.pointer}" if error.pointer.startswith("/") else error.pointer
     field = ProblemField(pointer=pointer, detail=error.detail, row=error.row, time=error.time)
-    checks = [one.model_dump() for one in show_checks(error.checks)]
+    checks = [check.model_dump() for check in show_checks(error.checks)]
     return problem.model_copy(update={"errors": [field], "checks": checks or None})
 
 

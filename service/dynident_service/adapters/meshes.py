@@ -1,4 +1,4 @@
-"""The meshes of a robot that were uploaded: which file is which, and where they are read."""
+"""Uploaded mesh files of a robot: which file is which mesh, and folders in which they are found by name."""
 
 from __future__ import annotations
 
@@ -20,7 +20,18 @@ from dynident_service.models.geometry import GeometryView
 
 @contextmanager
 def mesh_folders(files: Mapping[str, Path]) -> Iterator[tuple[Path, ...]]:
-    """Folders in which the files of meshes (by name) are found for as long as they are needed; none without files."""
+    """Place mesh files in a temporary folder under the names that the description gives them.
+
+    Parameters
+    ----------
+    files : mapping of Path
+        Files by the name of the mesh.
+
+    Yields
+    ------
+    tuple of Path
+        The folder, which is removed when the context ends; empty without files.
+    """
     if not files:
         yield ()
         return
@@ -30,7 +41,25 @@ def mesh_folders(files: Mapping[str, Path]) -> Iterator[tuple[Path, ...]]:
 
 
 def chosen(robot: Robot, sent: Mapping[str, Path]) -> dict[str, str]:
-    """Which of the files that were sent (by their names) is the file of which mesh; each can be read as one."""
+    """Assign uploaded files to the meshes of a robot's description, and check that each can be read.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    sent : mapping of Path
+        Uploaded files by the name they were sent with.
+
+    Returns
+    -------
+    dict of str
+        The name of the uploaded file by the name of the mesh.
+
+    Raises
+    ------
+    DynidentError
+        Where the description names no meshes, no file matches, or a file is no mesh.
+    """
     needed = collision_meshes(robot)
     if not needed:
         raise DynidentError(
@@ -38,26 +67,27 @@ def chosen(robot: Robot, sent: Mapping[str, Path]) -> dict[str, str]:
             pointer="/files",
             title="No meshes named",
         )
-    found = matched(needed, list(sent))
-    if not found:
+    files_by_mesh = matched(needed, list(sent))
+    if not files_by_mesh:
         raise DynidentError(
             f"none of the {len(sent)} files has the name of a mesh of the description: {', '.join(list(needed)[:8])}",
             pointer="/files",
             title="Unknown mesh",
         )
-    with mesh_folders({name: sent[file] for name, file in found.items()}) as folders:
-        for name, file in found.items():
+    with mesh_folders({name: sent[file] for name, file in files_by_mesh.items()}) as folders:
+        for name, file in files_by_mesh.items():
             placed = mesh_file(name, folders)
             assert placed is not None
+            # Scale and placement do not matter here: reading it is the test.
             try:
                 surface_of_mesh(placed, np.ones(3), np.eye(4))
             except ValueError as error:
                 detail = f"{file} cannot be read as a mesh: {error}; send STL, OBJ, DAE or PLY"
                 raise DynidentError(detail, pointer="/files", title="Unreadable mesh") from None
-    return found
+    return files_by_mesh
 
 
 def geometry_with(robot: Robot, files: Mapping[str, Path]) -> GeometryView:
-    """Where the robot's links are, with the files of its meshes (by name)."""
+    """Build the view of a robot's geometry with the files of its meshes, by name."""
     with mesh_folders(files) as folders:
         return describe_geometry(robot, folders)

@@ -1,4 +1,4 @@
-"""Signals as they were recorded, between the contract and the science."""
+"""Signals of an uploaded file as they were recorded, and standstills of a recording, as views."""
 
 from __future__ import annotations
 
@@ -17,48 +17,50 @@ from dynident_service.adapters.revisions import metadata_of
 from dynident_service.models.measurements import MeasurementMetadata, RawSignals, Standstills, StandstillsOfJoint
 
 
-def as_recorded(path: Path, robot: Robot, said: MeasurementMetadata, wanted: list[str]) -> AsRecorded:
-    """Open signals of a file; `RecordingError` for one that is not there."""
-    return AsRecorded(FileOfRobot(path, metadata_of(said), recorded_joints(robot)), wanted)
+def as_recorded(path: Path, robot: Robot, metadata: MeasurementMetadata, signal_names: list[str]) -> AsRecorded:
+    """Open signals of a file; `RecordingError` for a signal that the file does not have."""
+    return AsRecorded(FileOfRobot(path, metadata_of(metadata), recorded_joints(robot)), signal_names)
 
 
-def thinned(found: AsRecorded, points: int, start: float | None, end: float | None) -> RawSignals:
-    """Show signals thinned for drawing."""
-    total, rows = found.thinned(points, start, end)
+def thinned(signals: AsRecorded, points: int, start: float | None, end: float | None) -> RawSignals:
+    """Build the view of signals thinned for plots; start and end in s."""
+    total, rows = signals.thinned(points, start, end)
     return RawSignals(
-        units=found.units,
+        units=signals.units,
         t=numbers(rows.t),
-        signals={name: numbers(rows.values[:, k]) for k, name in enumerate(found.names)},
+        signals={name: numbers(rows.values[:, k]) for k, name in enumerate(signals.names)},
         n_samples=total,
     )
 
 
-def streamed(found: AsRecorded, start: float | None, end: float | None) -> Iterator[bytes]:
-    """Show all of the signals in the same form, one after the other, so that none is ever in memory whole."""
-    yield f'{{"units": {json.dumps(found.units)}, "t": ['.encode()
+def streamed(signals: AsRecorded, start: float | None, end: float | None) -> Iterator[bytes]:
+    """Yield all samples as JSON of the form of `RawSignals`, signal by signal, so that memory stays bounded."""
+    # The JSON is put together by hand, because a file may be larger than memory. Each signal is read on its own, so the
+    # file is passed once for the time and once for each signal.
+    yield f'{{"units": {json.dumps(signals.units)}, "t": ['.encode()
     total = 0
-    for block in found.rows((), start, end):
+    for block in signals.rows((), start, end):
         yield _part(block.t, first=not total)
         total += len(block.t)
     yield b'], "signals": {'
-    for index, name in enumerate(found.names):
+    for index, name in enumerate(signals.names):
         yield f"{', ' if index else ''}{json.dumps(name)}: [".encode()
-        for number, block in enumerate(found.rows((name,), start, end)):
+        for number, block in enumerate(signals.rows((name,), start, end)):
             yield _part(block.values[:, 0], first=not number)
         yield b"]"
     yield f'}}, "n_samples": {total}}}'.encode()
 
 
 def standstills(recording: Recording) -> Standstills:
-    """Show when every joint of a recording stands, or sticks."""
-    found = phases_of(recording).halts
+    """Return the intervals of time in which each joint of a recording stands."""
+    segments = phases_of(recording).halts
     return Standstills(
         joints=[
             StandstillsOfJoint(
                 joint=name,
                 standing=[
                     (float(start), float(end))
-                    for halts in (segment[k] for segment in found)
+                    for halts in (segment[k] for segment in segments)
                     for start, end in zip(halts.starts[halts.sticks], halts.ends[halts.sticks], strict=True)
                 ],
             )

@@ -1,4 +1,4 @@
-"""What is said of files, and said anew, between the contract and the science."""
+"""Metadata of recordings and their revisions, converted between the contract and the library."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from dynident_service.models import measurements as wire
 from dynident_service.models.revisions import RevisionRequest
 
 
-def metadata_of(said: wire.MeasurementMetadata) -> RecordingMetadata:
-    """Take what is said of a file; `RecordingError` for a window or a delay that cannot be."""
-    return taken(said, RecordingMetadata, **said.model_dump(include={"payload"}))
+def metadata_of(metadata: wire.MeasurementMetadata) -> RecordingMetadata:
+    """Convert metadata of a body; `RecordingError` for an impossible window or delay."""
+    return taken(metadata, RecordingMetadata, **metadata.model_dump(include={"payload"}))
 
 
-def revision_of(asked: RevisionRequest) -> Revision:
-    """Take a revision."""
-    return taken(asked, Revision)
+def revision_of(revision_request: RevisionRequest) -> Revision:
+    """Convert a revision of a body."""
+    return taken(revision_request, Revision)
 
 
-def show_revision(found: Revision) -> RevisionRequest:
-    """Show a revision."""
-    return RevisionRequest.model_validate({name: getattr(found, name) for name in found.changes})
+def show_revision(revision: Revision) -> RevisionRequest:
+    """Build the view of a revision, with the fields that it changes."""
+    return RevisionRequest.model_validate({name: getattr(revision, name) for name in revision.changes})
 
 
-def revised(said: wire.MeasurementMetadata, asked: RevisionRequest) -> wire.MeasurementMetadata:
-    """What is said of a file with a revision."""
-    after = revision_of(asked).of(metadata_of(said))
-    return body(wire.MeasurementMetadata, after, robot_id=said.robot_id)
+def revised(metadata: wire.MeasurementMetadata, revision_request: RevisionRequest) -> wire.MeasurementMetadata:
+    """Return the metadata of a file after a revision."""
+    after = revision_of(revision_request).of(metadata_of(metadata))
+    return body(wire.MeasurementMetadata, after, robot_id=metadata.robot_id)
 
 
-def checks_of(shown: Sequence[wire.CheckView]) -> tuple[Check, ...]:
-    """Take checks that were shown."""
-    return tuple(known(Check, one, apply=None if one.apply is None else revision_of(one.apply)) for one in shown)
+def checks_of(views: Sequence[wire.CheckView]) -> tuple[Check, ...]:
+    """Restore checks from their views."""
+    return tuple(known(Check, view, apply=None if view.apply is None else revision_of(view.apply)) for view in views)

@@ -1,4 +1,4 @@
-"""Robots between the contract and the science."""
+"""Robots: built from requests, and described as views."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from dynident_service.models import robots as wire
 
 
 def robot_of(stored: Mapping[str, object]) -> Robot:
-    """Make the robot of a stored request."""
+    """Build the robot of a stored request."""
     return robot_from_request(wire.RobotRequest.model_validate(stored))
 
 
 def robot_described(stored: Mapping[str, object]) -> Robot:
-    """The same, remembered for the next request about this robot."""
+    """Build the robot of a stored request, or return the cached one of the same request."""
+    # Dictionaries are not hashable: the key of the cache is the sorted JSON, and a stored robot never changes.
     return _remembered(json.dumps(stored, sort_keys=True))
 
 
@@ -28,7 +29,7 @@ def _remembered(text: str) -> Robot:
 
 
 def robot_from_request(request: wire.RobotRequest) -> Robot:
-    """Make the robot that a request describes; `DynidentError` where it cannot be."""
+    """Build the robot that a request describes; `DynidentError` where the description is unusable."""
     content = request.description.content
     text = content if isinstance(content, str) else json.dumps(content)
     return robot_from_description(
@@ -42,7 +43,7 @@ def robot_from_request(request: wire.RobotRequest) -> Robot:
 
 
 def describe_robot(robot: Robot, base: wire.BaseParametersView) -> wire.RobotResult:
-    """Describe a robot for the wire."""
+    """Build the view of a robot with its base parameters."""
     return wire.RobotResult(
         joints=[_joint(robot, index, joint) for index, joint in enumerate(robot.joints)],
         base_parameters=base,
@@ -52,16 +53,16 @@ def describe_robot(robot: Robot, base: wire.BaseParametersView) -> wire.RobotRes
 
 
 def base_parameters_of(robot: Robot, tolerance: float | None) -> wire.BaseParametersView:
-    """Find the inertial base parameters of a robot."""
+    """Find the inertial base parameters of a robot; `tolerance` is the share of a column left unexplained."""
     # Imported here: CasADi takes a second to load, and the rest of this module does without.
     from dynident.effects import EffectChoice, Signals, columns_of
     from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, base_parameters
 
     signals = Signals(robot)
     columns = columns_of([EffectChoice("rigid_body")], signals)
-    found = base_parameters(robot, columns, signals, tolerance=tolerance or DEFAULT_TOLERANCE)
+    base_set = base_parameters(robot, columns, signals, tolerance=tolerance or DEFAULT_TOLERANCE)
     return wire.BaseParametersView(
-        count=found.count, rank=found.rank, names=list(found.kept_names), groupings=list(found.groupings)
+        count=base_set.count, rank=base_set.rank, names=list(base_set.kept_names), groupings=list(base_set.groupings)
     )
 
 

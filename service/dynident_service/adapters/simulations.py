@@ -1,4 +1,4 @@
-"""Virtual robots between the contract and the science."""
+"""Virtual robots: trajectories from bodies, and views of simulated measurements."""
 
 from __future__ import annotations
 
@@ -11,13 +11,31 @@ from dynident_service.adapters.answers import shown
 from dynident_service.models import simulations as wire
 
 RATE_OF_SAMPLES = 1000.0
+"""Sampling rate in Hz of a virtual robot that follows samples."""
 
 
 def reference_of(samples: wire.Samples) -> Reference:
-    """Take a trajectory off the wire; derivatives that are not given are those of a spline through q."""
+    """Build a reference trajectory from samples.
+
+    Parameters
+    ----------
+    samples : Samples
+        t (m,) in s and q (m, n); dq and ddq where they are stated.
+
+    Returns
+    -------
+    Reference
+        The trajectory; missing derivatives are those of a cubic spline through q.
+
+    Raises
+    ------
+    DynidentError
+        Where t does not increase, or rows have different lengths.
+    """
     t, q = np.array(samples.t, dtype=np.float64), _matrix(samples.q, "q")
     if samples.dq is not None and samples.ddq is not None:
         return Reference(t, q, _matrix(samples.dq, "dq"), _matrix(samples.ddq, "ddq"))
+    # A cubic spline needs four points and increasing times.
     if len(t) != len(q) or not np.all(np.diff(t) > 0) or len(t) < 4:
         detail = "t has to increase, with one row of q for each, four at least, for dq and ddq to follow from q"
         raise DynidentError(detail, pointer="/trajectory/t", title="Unusable trajectory")
@@ -26,9 +44,9 @@ def reference_of(samples: wire.Samples) -> Reference:
     return Reference(t, q, dq, spline(t, 2) if samples.ddq is None else _matrix(samples.ddq, "ddq"))
 
 
-def describe_simulation(found: Measurement, rate: float) -> wire.SimulationResult:
-    """Describe a virtual robot's measurement for the wire."""
-    return shown(wire.SimulationResult, found, sampling_rate=rate)
+def describe_simulation(measurement: Measurement, rate: float) -> wire.SimulationResult:
+    """Build the view of a simulated measurement; `rate` in Hz."""
+    return shown(wire.SimulationResult, measurement, sampling_rate=rate)
 
 
 def _matrix(rows: list[list[float]], name: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:

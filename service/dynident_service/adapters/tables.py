@@ -1,4 +1,4 @@
-"""Tables in words between the science and the contract."""
+"""Tables of reports as views."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from dynident_service.adapters.answers import shown
 from dynident_service.models.tables import Table, TableColumn
 
 
-def show_tables(found: Iterable[ReportedTable]) -> list[Table]:
-    """Show tables."""
-    return [shown(Table, one, columns=_columns(one)) for one in found]
+def show_tables(tables: Iterable[ReportedTable]) -> list[Table]:
+    """Build the views of tables."""
+    return [shown(Table, table, columns=_columns(table)) for table in tables]
 
 
-def _columns(found: ReportedTable) -> list[TableColumn]:
-    return [TableColumn(word=word, figures=found.is_figures(k)) for k, word in enumerate(found.columns)]
+def _columns(table: ReportedTable) -> list[TableColumn]:
+    return [TableColumn(word=word, figures=table.is_figures(k)) for k, word in enumerate(table.columns)]

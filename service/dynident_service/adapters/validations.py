@@ -1,4 +1,4 @@
-"""Validations between the contract and the science."""
+"""Validations: what is to be validated from request bodies, and views of the results."""
 
 from __future__ import annotations
 
@@ -28,87 +28,121 @@ if TYPE_CHECKING:
     from dynident.validation.request import TrialResult
 
 
-def trial_from_request(asked: wire.ValidationRequest) -> Trial:
-    """Take the validation that is asked for off the wire; `DynidentError` for what its kind does not take."""
-    stated: Any = taken(asked, Stated)
-    return trial_of(asked.kind, {one.name: getattr(stated, one.name) for one in fields(stated)})
+def trial_from_request(wire_request: wire.ValidationRequest) -> Trial:
+    """Build the validation that a body asks for; `DynidentError` for options that its kind does not take."""
+    options: Any = taken(wire_request, Stated)
+    return trial_of(
+        wire_request.kind, {option_field.name: getattr(options, option_field.name) for option_field in fields(options)}
+    )
 
 
-def describe(trial: Trial, found: TrialResult, measurement_ids: Sequence[str]) -> wire.ValidationResult:
-    """Describe what a validation gave, for the measurements that it was tried on."""
-    match found:
+def describe(trial: Trial, outcome: TrialResult, measurement_ids: Sequence[str]) -> wire.ValidationResult:
+    """Build the view of a validation's result.
+
+    Parameters
+    ----------
+    trial : Trial
+        The kind of validation and its options.
+    outcome : TrialResult
+        What it gave.
+    measurement_ids : sequence of str
+        Ids of the recordings that it used, in their order.
+
+    Returns
+    -------
+    ValidationResult
+        The view.
+    """
+    match outcome:
         case TorqueValidation():
-            tried = zip(measurement_ids, found.recordings, strict=True)
+            errors_by_id = zip(measurement_ids, outcome.recordings, strict=True)
             measurements = [
-                wire.MeasurementErrors(measurement_id=one, name=on.name, errors=show_errors(on.errors, on.moving))
-                for one, on in tried
+                wire.MeasurementErrors(
+                    measurement_id=measurement_id,
+                    name=recording_errors.name,
+                    errors=show_errors(recording_errors.errors, recording_errors.moving),
+                )
+                for measurement_id, recording_errors in errors_by_id
             ]
-            return _result(trial, found, measurements=measurements)
+            return _result(trial, outcome, measurements=measurements)
         case InertiaMatrixValidation():
-            return _inertia_matrix(trial, found)
+            return _inertia_matrix(trial, outcome)
         case BootstrapValidation():
-            drawn = [shown(wire.DrawnParameterView, one, expected=(one.low, one.high)) for one in found.parameters]
-            return _result(trial, found, parameters=[], bootstrap=shown(wire.BootstrapView, found, parameters=drawn))
+            drawn_parameters = [
+                shown(wire.DrawnParameterView, parameter, expected=(parameter.low, parameter.high))
+                for parameter in outcome.parameters
+            ]
+            return _result(
+                trial, outcome, parameters=[], bootstrap=shown(wire.BootstrapView, outcome, parameters=drawn_parameters)
+            )
         case MethodsValidation():
-            return _result(trial, found, methods=[_method(one, found.parameters) for one in found.results])
+            return _result(trial, outcome, methods=[_method(method, outcome.parameters) for method in outcome.results])
         case FiltersBySimulation():
-            return _result(trial, found, filters=_filters(found))
-    named = zip(measurement_ids, found, strict=True)
+            return _result(trial, outcome, filters=_filters(outcome))
+    # The remaining kinds give one outcome a recording.
+    outcomes_by_id = zip(measurement_ids, outcome, strict=True)
     if isinstance(trial, Payload):
-        weighed = [_payload(one, identifier) for identifier, one in named if isinstance(one, PayloadValidation)]
-        return _of_several(trial, found, payloads=weighed)
-    simulated = [shown(wire.SimulationOnMeasurement, one, measurement_id=identifier) for identifier, one in named]
-    limits = [one.limit for one in found if isinstance(one, SimulationValidation)]
-    return _of_several(trial, found, simulations=simulated, limit=limits[0] if limits else None)
+        weighed = [
+            _payload(payload, identifier)
+            for identifier, payload in outcomes_by_id
+            if isinstance(payload, PayloadValidation)
+        ]
+        return _of_several(trial, outcome, payloads=weighed)
+    simulated = [
+        shown(wire.SimulationOnMeasurement, simulation, measurement_id=identifier)
+        for identifier, simulation in outcomes_by_id
+    ]
+    limits = [simulation.limit for simulation in outcome if isinstance(simulation, SimulationValidation)]
+    return _of_several(trial, outcome, simulations=simulated, limit=limits[0] if limits else None)
 
 
-def _result(trial: Trial, found: object, **more: object) -> wire.ValidationResult:
-    return shown(wire.ValidationResult, found, kind=trial.name, **more)
+def _result(trial: Trial, outcome: object, **more: object) -> wire.ValidationResult:
+    return shown(wire.ValidationResult, outcome, kind=trial.name, **more)
 
 
 def _of_several(
-    trial: Trial, found: Sequence[PayloadValidation | SimulationValidation], **more: object
+    trial: Trial, outcomes: Sequence[PayloadValidation | SimulationValidation], **more: object
 ) -> wire.ValidationResult:
-    judged = together([(one.name, one.judged) for one in found])
-    return _result(trial, None, verdict=judged.verdict, reason=judged.reason, **more)
+    verdict = together([(outcome.name, outcome.judged) for outcome in outcomes])
+    return _result(trial, None, verdict=verdict.verdict, reason=verdict.reason, **more)
 
 
-def _inertia_matrix(trial: Trial, found: InertiaMatrixValidation) -> wire.ValidationResult:
-    value, posture = found.smallest_eigenvalue, found.posture
+def _inertia_matrix(trial: Trial, outcome: InertiaMatrixValidation) -> wire.ValidationResult:
+    value, posture = outcome.smallest_eigenvalue, outcome.posture
     return _result(
         trial,
-        found,
+        outcome,
         inertia_matrix_positive_definite=None if value is None else value > 0,
-        eigenvalue_standard_deviation=found.standard_deviation,
-        worst_posture=None if posture is None else dict(zip(found.joint_names, posture.tolist(), strict=True)),
-        postures_tried=found.evaluations,
+        eigenvalue_standard_deviation=outcome.standard_deviation,
+        worst_posture=None if posture is None else dict(zip(outcome.joint_names, posture.tolist(), strict=True)),
+        postures_tried=outcome.evaluations,
     )
 
 
-def _method(one: MethodResult, names: Sequence[str]) -> wire.MethodView:
+def _method(method: MethodResult, names: Sequence[str]) -> wire.MethodView:
     return shown(
         wire.MethodView,
-        one,
-        estimator=document_of(one.method.estimator),
-        problem=one.problem or None,
-        farthest=None if one.farthest is None else names[one.farthest],
+        method,
+        estimator=document_of(method.method.estimator),
+        problem=method.problem or None,
+        farthest=None if method.farthest is None else names[method.farthest],
     )
 
 
-def _filters(found: FiltersBySimulation) -> wire.FiltersView:
+def _filters(outcome: FiltersBySimulation) -> wire.FiltersView:
     return shown(
         wire.FiltersView,
-        found,
-        used=_trial(found.used),
-        chosen=_trial(found.chosen),
-        trials=[_trial(one) for one in found.trials],
+        outcome,
+        used=_trial(outcome.used),
+        chosen=_trial(outcome.chosen),
+        trials=[_trial(trial) for trial in outcome.trials],
     )
 
 
-def _trial(one: FilterTrial) -> wire.FilterTrialView:
-    return shown(wire.FilterTrialView, one, worst=one.worst or None, problem=one.problem or None)
+def _trial(trial: FilterTrial) -> wire.FilterTrialView:
+    return shown(wire.FilterTrialView, trial, worst=trial.worst or None, problem=trial.problem or None)
 
 
-def _payload(one: PayloadValidation, measurement_id: str) -> wire.PayloadView:
-    gains = [] if one.gains is None else [shown(wire.DriveGainView, gain) for gain in one.gains.each]
-    return shown(wire.PayloadView, one, measurement_id=measurement_id, gains=gains)
+def _payload(payload: PayloadValidation, measurement_id: str) -> wire.PayloadView:
+    gains = [] if payload.gains is None else [shown(wire.DriveGainView, gain) for gain in payload.gains.each]
+    return shown(wire.PayloadView, payload, measurement_id=measurement_id, gains=gains)

@@ -1,4 +1,4 @@
-"""Verdicts of models between the contract and the science."""
+"""Verdicts on the fitness of a model as views."""
 
 from __future__ import annotations
 
@@ -16,40 +16,54 @@ from dynident_service.models.measurements import MeasurementMetadata
 
 @dataclass(frozen=True, eq=False)
 class SeenMeasurement:
-    """A stored measurement that a model was made from or tried on."""
+    """A stored recording that a model was identified from or held against."""
 
     id: str
     recording: Recording
     said: MeasurementMetadata
 
 
-def show_verdict(found: ModelVerdict, seen: Sequence[SeenMeasurement] = ()) -> wire.VerdictView:
-    """Show a verdict; recordings that are not `seen` are told by name."""
-    by_name = {one.recording.name: one for one in seen}
-    stop = None if found.stop is None else _stop(found.stop, by_name.get(found.stop.recording or ""))
+def show_verdict(verdict: ModelVerdict, measurements: Sequence[SeenMeasurement] = ()) -> wire.VerdictView:
+    """Build the view of a verdict.
+
+    Parameters
+    ----------
+    verdict : ModelVerdict
+        The verdict, which names recordings by name.
+    measurements : sequence of SeenMeasurement
+        Stored recordings; those among them are named by id in the view.
+
+    Returns
+    -------
+    VerdictView
+        The view.
+    """
+    by_name = {measurement.recording.name: measurement for measurement in measurements}
+    stop = None if verdict.stop is None else _stop(verdict.stop, by_name.get(verdict.stop.recording or ""))
     common = [
         shown(
             wire.CommonView,
-            one,
-            held_out_id=_id(by_name, one.held_out),
-            fitted_id=_id(by_name, one.fitted),
-            detail=str(one),
+            overlap,
+            held_out_id=_id(by_name, overlap.held_out),
+            fitted_id=_id(by_name, overlap.fitted),
+            detail=str(overlap),
         )
-        for one in found.common
+        for overlap in verdict.common
     ]
-    return shown(wire.VerdictView, found, stop=stop, common=common)
+    return shown(wire.VerdictView, verdict, stop=stop, common=common)
 
 
-def _id(seen: Mapping[str, SeenMeasurement], name: str) -> str:
-    return seen[name].id if name in seen else name
+def _id(measurements: Mapping[str, SeenMeasurement], name: str) -> str:
+    return measurements[name].id if name in measurements else name
 
 
-def _stop(found: Stop, where: SeenMeasurement | None) -> wire.StopView:
-    cure = found.apply
-    if cure is not None and where is not None:
-        cure = after(cure, metadata_of(where.said), where.recording.joint_names)
+def _stop(stop: Stop, measurement: SeenMeasurement | None) -> wire.StopView:
+    cure = stop.apply
+    if cure is not None and measurement is not None:
+        # The cure refers to the recording as it was read. The revision has to change what was stated about the file.
+        cure = after(cure, metadata_of(measurement.said), measurement.recording.joint_names)
     return wire.StopView(
-        cause=found.cause,
-        measurement_id=found.recording if where is None else where.id,
+        cause=stop.cause,
+        measurement_id=stop.recording if measurement is None else measurement.id,
         apply=None if cure is None else show_revision(cure),
     )

@@ -1,1 +1,4 @@
-"""The command line. Whatever takes long to import is imported by the command that needs it."""
+"""The command line `dynident`.
+
+Modules that take long to import are imported inside the command that needs them, so that `dynident --help` is quick.
+"""

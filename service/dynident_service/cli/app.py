@@ -1,4 +1,4 @@
-"""All commands, and what happens when one of them fails."""
+"""The program: it registers all commands and turns their errors into messages and exit codes."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _COMMANDS = (
     *("gains", "currents", "extend", "remove", "ladder", "report", "series", "export", "effects", "doctor"),
     *("backup", "restore", "export_robot", "import_robot", "serve"),
 )
-"""In the order of the overview; each stands in the module of `dynident_service.cli.verbs` that has its name."""
+"""Commands in the order of the overview. Each stands in the module of `dynident_service.cli.verbs` with its name."""
 
 _MODULES = dict.fromkeys(("restore", "export_robot", "import_robot"), "backup")
-"""Of those that stand in another's."""
+"""Modules of the commands that stand in another command's module."""
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(is_requested: bool) -> None:
+    if is_requested:
         typer.echo(f"dynident {__version__}")
         raise typer.Exit
 
@@ -39,21 +39,27 @@ def _root(
         bool, typer.Option("--version", help="Show the version and leave.", is_eager=True, callback=_show_version)
     ] = False,
 ) -> None:
-    """Take the options before the command."""
+    """Take the options that stand before the command."""
 
 
 def _guarded(command: Callable[..., None]) -> Callable[..., None]:
-    """The command, with errors that the user can mend told in words, and Ctrl-C ending it quietly."""
+    """Wrap a command: print errors that the user can mend as messages, and end quietly on Ctrl-C.
+
+    Other exceptions are bugs and keep their traceback.
+    """
 
     @functools.wraps(command)
     def guarded(*arguments: Any, **options: Any) -> None:
         try:
+            # Missing files are reported before the command imports anything that takes seconds.
             check_inputs(command, options)
             command(*arguments, **options)
         except DynidentError as error:
             tell_failure(error, bool(options.get("as_json")))
             raise typer.Exit(MISUSED) from error
         except ModuleNotFoundError as missing:
+            # A missing module of dynident itself is a bug. Any other belongs to an optional dependency, whose extra
+            # the message names.
             if (missing.name or "").startswith("dynident"):
                 raise
             detail = f"this needs the package {missing.name}; {install_hint(missing.name or '')}"
@@ -67,9 +73,21 @@ def _guarded(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def program(typed: str | None = None) -> typer.Typer:
-    """The command line: of all commands, or with the one alone that was typed, where it is one: others cost time."""
-    chosen = [one for one in _COMMANDS if one.replace("_", "-") == typed] or _COMMANDS
-    made = typer.Typer(
+    """Build the command line.
+
+    Parameters
+    ----------
+    typed : str, optional
+        The first word that the user typed. Where it is a command, only that command is registered, because importing
+        the modules of all of them takes time.
+
+    Returns
+    -------
+    typer.Typer
+        The application, with the command typed or with all of them.
+    """
+    command_names = [command_name for command_name in _COMMANDS if command_name.replace("_", "-") == typed] or _COMMANDS
+    application = typer.Typer(
         name="dynident",
         help="Identify the dynamic parameters of a robot, and name the physics that its model is missing.",
         no_args_is_help=True,
@@ -78,15 +96,17 @@ def program(typed: str | None = None) -> typer.Typer:
         rich_markup_mode=None,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    made.callback()(_root)
-    for one in chosen:
-        module = import_module(f"dynident_service.cli.verbs.{_MODULES.get(one, one)}")
-        made.command()(_guarded(with_options(getattr(module, one))))
-    return made
+    application.callback()(_root)
+    for command_name in command_names:
+        module = import_module(f"dynident_service.cli.verbs.{_MODULES.get(command_name, command_name)}")
+        # `with_options` gives the command the signature that typer reads; `_guarded`, around it, keeps that.
+        application.command()(_guarded(with_options(getattr(module, command_name))))
+    return application
 
 
 def __getattr__(name: str) -> typer.Typer:
-    """`app`: the program with all its commands."""
+    """Build `app`, the program with all its commands, when it is asked for."""
+    # Lazily: whoever imports `program` from here does not pay for importing every command.
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return program()

@@ -1,4 +1,4 @@
-"""Designs on the command line."""
+"""Helpers of `dynident design`: read limits and surroundings from files, print the result."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SURROUNDINGS = TypeAdapter(body_of(Surroundings))
 
 
 def proposed_design(path: Path) -> DesignRequest:
-    """The design of the next experiment that a stored diagnosis proposes."""
+    """Return the design request that a stored diagnosis proposes as next experiment."""
     proposed = stored_diagnosis(path).next_experiment
     if proposed is None:
         raise DynidentError(f"the diagnosis in {path.name} proposes no experiment", pointer="--diagnosis")
@@ -41,35 +41,47 @@ def limits_of(path: Path | None) -> dict[str, Limits]:
     """Read limits by joint from a JSON file."""
     if path is None:
         return {}
-    found = _validated(_LIMITS, path, "Unusable limits")
-    return {name: taken(value, Limits) for name, value in found.items()}
+    limits_by_joint = _validated(_LIMITS, path, "Unusable limits")
+    return {name: taken(value, Limits) for name, value in limits_by_joint.items()}
 
 
-def mesh_folders_of(robot: Robot, argument: str, stated: Sequence[Path] | None) -> tuple[Path, ...]:
-    """Choose where meshes are looked for: in the stated folders, or in those above the robot's file that hold any."""
-    if stated:
-        return tuple(stated)
+def mesh_folders_of(robot: Robot, argument: str, folders: Sequence[Path] | None) -> tuple[Path, ...]:
+    """Return the folders to search for meshes: those stated, or those above the robot's file that hold any."""
+    if folders:
+        return tuple(folders)
     file = Path(argument)
     return mesh_folders_above(robot, file) if file.is_file() else ()
 
 
 def surroundings_of(path: Path | None, mesh_folders: Sequence[Path], *, floor: bool) -> Surroundings:
-    """Read what stands around the robot from a JSON file; the folders are looked for meshes.
+    """Read the robot's surroundings from a JSON file.
 
-    Without `floor` none is assumed where nothing is stated.
+    Parameters
+    ----------
+    path : Path, optional
+        The file; without it nothing around the robot is stated.
+    mesh_folders : sequence of Path
+        Folders to search for collision meshes.
+    floor : bool
+        Whether to assume a floor where nothing around the robot is stated.
+
+    Returns
+    -------
+    Surroundings
+        What the motion has to keep clear of.
     """
-    stated = (
+    surroundings = (
         Surroundings()
         if path is None
         else taken(_validated(_SURROUNDINGS, path, "Unusable surroundings"), Surroundings)
     )
     folders = tuple(str(folder) for folder in mesh_folders)
-    return replace(stated, mesh_folders=folders, assume_floor=stated.assume_floor and floor)
+    return replace(surroundings, mesh_folders=folders, assume_floor=surroundings.assume_floor and floor)
 
 
-def warn_of_unchecked(console: Console, found: Design) -> None:
-    """Say in plain sight, after all else, what was not checked."""
-    for warning in found.warnings:
+def warn_of_unchecked(console: Console, design: Design) -> None:
+    """Print the warnings of a design after everything else, where they are not overlooked."""
+    for warning in design.warnings:
         console.print(f"warning: {warning}", style="bold red")
 
 
@@ -78,13 +90,14 @@ def _validated(fields: TypeAdapter[Wanted], path: Path, title: str) -> Wanted:
     try:
         return fields.validate_python(document)
     except ValidationError as error:
+        # The service words validation errors by the place in the body; here the body is the whole file.
         first = fields_of([{**item, "loc": ("body", *item["loc"])} for item in error.errors()], document)[0]
         raise DynidentError(first.detail, pointer=f"{path}{first.pointer}", title=title) from error
 
 
-def show_design(console: Console, found: Design) -> None:
-    """What a design is worth, and how near it comes to the limits."""
-    values, baseline = found.criterion_values, found.baseline
+def show_design(console: Console, design: Design) -> None:
+    """Print how good a design is, how near it comes to the limits, and its test motions."""
+    values, baseline = design.criterion_values, design.baseline
     rows = [["this design", number(values.condition_number), number(values.smallest_singular_value)]]
     if baseline is not None:
         best = baseline.best
@@ -97,7 +110,8 @@ def show_design(console: Console, found: Design) -> None:
         )
         rows.append(["median of those", number(baseline.median_condition_number), ""])
     console.print(table("", ("trajectory", "condition number", "smallest singular value"), rows))
-    nearest = sorted(found.margins, key=lambda margin: -margin.share)[:5]
+    # A share of 1 touches the limit; the five nearest are what somebody decides by.
+    nearest = sorted(design.margins, key=lambda margin: -margin.share)[:5]
     console.print(
         table(
             "Nearest limits",
@@ -106,19 +120,22 @@ def show_design(console: Console, found: Design) -> None:
             right_from=2,
         )
     )
-    if found.runs:
+    if design.runs:
         console.print(
             table(
                 "Runs",
                 ("segment", "what for", "joints that move", "from (s)", "to (s)"),
                 [
                     [str(k), run.label, ", ".join(run.joints), number(run.start, 4), number(run.end, 4)]
-                    for k, run in enumerate(found.runs, start=1)
+                    for k, run in enumerate(design.runs, start=1)
                 ],
                 right_from=3,
             )
         )
-    for note in found.notes:
-        if note not in found.warnings:
+    for note in design.notes:
+        # Warnings are among the notes, and are printed by `warn_of_unchecked`.
+        if note not in design.warnings:
             console.print(f"  {note}", style="dim")
-    console.print(f"{found.n_samples} samples at {found.sampling_rate:g} Hz, {found.duration:.1f} s from rest to rest")
+    console.print(
+        f"{design.n_samples} samples at {design.sampling_rate:g} Hz, {design.duration:.1f} s from rest to rest"
+    )

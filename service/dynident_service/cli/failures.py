@@ -1,4 +1,4 @@
-"""How the command line says that something is wrong."""
+"""Error messages and exit codes of the command line."""
 
 from __future__ import annotations
 
@@ -8,16 +8,25 @@ import sys
 from dynident.errors import DynidentError
 
 MISUSED = 2
+"""Exit code after an error that the user can mend; typer ends with the same one for wrong options."""
 CANCELLED = 130
+"""Exit code after Ctrl-C: 128 plus the number of SIGINT, as shells have it."""
 
 
 def tell_failure(error: DynidentError, as_json: bool) -> None:
-    """What is wrong, where, and what would be right: for people on stderr, with `--json` also as a problem on stdout.
+    """Print what is wrong, where, and how to mend it.
 
-    The problem is the one that the service answers with (RFC 9457).
+    Parameters
+    ----------
+    error : DynidentError
+        The error. It is printed on stderr for people.
+    as_json : bool
+        Whether to print it on stdout, too, as the problem document that the service answers with (RFC 9457).
     """
+    # Many messages name the place already.
     where = f"{error.pointer}: " if error.pointer and error.pointer not in error.detail else ""
     print(f"dynident: {error.title}\n  {where}{error.detail}", file=sys.stderr)
+    # A file may fail several checks; the first is the error itself.
     checks = [
         check for check in getattr(error, "checks", ()) if check.status == "error" and check.detail not in error.detail
     ]

@@ -1,4 +1,4 @@
-"""Files that a command reads, looked for before anything is loaded that takes time; and those that it writes, whole."""
+"""Files of the command line: check inputs before anything slow is imported, write outputs atomically."""
 
 from __future__ import annotations
 
@@ -17,30 +17,50 @@ from dynident.recordings.names import parts_of
 
 @dataclass(frozen=True)
 class LookedFor:
-    """Beside an option: what it names has to be there; `check` takes one value and raises `DynidentError`."""
+    """Marker in the annotation of an option: what the option names has to be there.
+
+    Parameters
+    ----------
+    check : callable
+        Takes one value of the option and raises `DynidentError` where it is missing.
+    """
 
     check: Callable[[Any], None]
 
 
-def check_inputs(command: Callable[..., None], given: Mapping[str, object]) -> None:
-    """Raise `DynidentError` where an option of a command names what is not there."""
+def check_inputs(command: Callable[..., None], options: Mapping[str, object]) -> None:
+    """Check all options of a command that are marked with `LookedFor`.
+
+    Parameters
+    ----------
+    command : callable
+        The command, whose annotations hold the markers.
+    options : mapping
+        The values that the command is called with.
+
+    Raises
+    ------
+    DynidentError
+        Where an option names a file, folder or robot that is missing.
+    """
     for name, hint in get_type_hints(command, include_extras=True).items():
         if get_origin(hint) is Annotated:
             for marker in hint.__metadata__:
                 if isinstance(marker, LookedFor):
-                    for value in _values(given.get(name)):
+                    for value in _values(options.get(name)):
                         marker.check(value)
 
 
-def _values(given: Any) -> Iterator[Any]:
-    if isinstance(given, (list, tuple)):
-        yield from given
-    elif given is not None:
-        yield given
+def _values(option: Any) -> Iterator[Any]:
+    if isinstance(option, (list, tuple)):
+        yield from option
+    elif option is not None:
+        yield option
 
 
 def check_readable(path: Path) -> None:
-    """Raise where a file is not there or may not be read."""
+    """Raise `DynidentError` where a file is missing or may not be read."""
+    # Files that are one recording are given together, as q.csv+dq.csv+tau.csv.
     for part in parts_of(path):
         if not part.is_file():
             raise DynidentError(f"there is no file {part}", pointer=str(path), title="No such file")
@@ -49,7 +69,7 @@ def check_readable(path: Path) -> None:
 
 
 def document_of(path: Path) -> Mapping[str, object]:
-    """Read a JSON object."""
+    """Read a JSON object from a file; `DynidentError` where the file holds none."""
     try:
         document = json.loads(read_text(path))
     except json.JSONDecodeError as error:
@@ -60,7 +80,7 @@ def document_of(path: Path) -> Mapping[str, object]:
 
 
 def read_text(path: Path) -> str:
-    """Read a text file."""
+    """Read a text file in UTF-8; `DynidentError` where it is none."""
     check_readable(path)
     try:
         return path.read_text(encoding="utf-8")
@@ -69,14 +89,16 @@ def read_text(path: Path) -> str:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole, or not at all."""
+    """Write a file atomically: it appears complete, or not at all."""
     if not path.parent.is_dir():
         raise DynidentError(f"there is no folder {path.parent}", pointer="--out", title="No such folder")
+    # In the same folder, so that the final rename stays on one file system and is atomic.
     with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as unfinished:
         temporary = Path(unfinished.name)
     try:
         temporary.write_bytes(content)
-        # Temporary files are private; this one is the user's, with the usual permissions.
+        # Temporary files are private (0600); this one is the user's and gets the permissions that the umask leaves.
+        # The umask can only be read by setting it.
         mask = os.umask(0)
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)
@@ -87,13 +109,13 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def check_folder(path: Path) -> None:
-    """Raise where a folder is not there."""
+    """Raise `DynidentError` where a folder is missing."""
     if not path.is_dir():
         raise DynidentError(f"there is no folder {path}", pointer=str(path), title="No such folder")
 
 
 def check_robot(text: str) -> None:
-    """Raise where there is neither such a file nor such an arm."""
+    """Raise `DynidentError` where a text names neither a file nor a well-known arm."""
     if not Path(text).is_file() and text not in known_arms():
         raise DynidentError(
             f"there is neither a file nor a well-known arm {text!r}; the arms are: {', '.join(known_arms())}",
@@ -103,8 +125,8 @@ def check_robot(text: str) -> None:
 
 
 def known_arms() -> list[str]:
-    """Names of the arms that come along, sorted."""
-    # Their names alone: importing the room of robots would take longer than most commands.
+    """Return the names of the well-known arms, sorted."""
+    # The names of the files are enough: importing `dynident.robot` would take longer than most commands.
     names = (entry.name for entry in (files("dynident") / "robot" / "library").iterdir())
     return sorted(name.removesuffix(".json") for name in names if name.endswith(".json"))
 

@@ -1,4 +1,4 @@
-"""From what a user types to robots, recordings, choices and models."""
+"""Robots, recordings, effects, models and diagnoses from what a user types."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from dynident.advice import AdvisedDiagnosis
     from dynident.recordings.stated import ConditioningStep
 
-# How the contract words it, and the same in the words of the command line.
+# The library words remedies by the fields of the HTTP contract. The command line has options instead, so these patterns
+# rewrite the sentences. A remedy that is not in this list is printed as the contract words it.
 _REWORDED = (
     (re.compile(r'say "accept": \["(\w+)"\]'), r"say --accept \1"),
     (re.compile(r'say "skip": \["(\w+)"\]'), r"say --skip \1"),
@@ -54,7 +55,7 @@ _NOTHING_BESIDE = Beside()
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
-    """A checked measurement, the file that it is from, and what was said of it."""
+    """A checked recording with its checks, its file, and its metadata."""
 
     recording: Recording
     checks: tuple[Check, ...]
@@ -62,16 +63,34 @@ class Loaded:
     said: RecordingMetadata
 
 
-def robot_of(text: str, beside: Beside = _NOTHING_BESIDE) -> Robot:
-    """The robot that an argument means, a file or a well-known arm, with what options say beside it."""
+def robot_of(text: str, additions: Beside = _NOTHING_BESIDE) -> Robot:
+    """Load the robot that an argument names.
+
+    Parameters
+    ----------
+    text : str
+        A file, or the name of a well-known arm.
+    additions : Beside
+        Drive gains, locked joints and gravity from options.
+
+    Returns
+    -------
+    Robot
+        The robot with what the options add.
+
+    Raises
+    ------
+    DynidentError
+        Where there is no such robot, or an option does not fit it.
+    """
     check_robot(text)
-    upright = parsing.vector(beside.gravity, "--gravity") if beside.gravity else None
-    robot = load_robot(text, locked_joints=parsing.locks(beside.lock), gravity=upright)
-    return with_gains(robot, beside.drive_gains)
+    upright = parsing.vector(additions.gravity, "--gravity") if additions.gravity else None
+    robot = load_robot(text, locked_joints=parsing.locks(additions.lock), gravity=upright)
+    return with_gains(robot, additions.drive_gains)
 
 
 def with_gains(robot: Robot, gains: str) -> Robot:
-    """The robot with drive gains stated on the command line."""
+    """Return the robot with the drive gains of `--drive-gains`; the same robot where none are given."""
     return set_gains(robot, parsing.drive_gains(gains, robot.joint_names)) if gains else robot
 
 
@@ -84,50 +103,71 @@ def loaded(
     others: Sequence[Path] = (),
     friction: Collection[Path] = (),
 ) -> Iterator[tuple[list[Loaded], list[Loaded]]]:
-    """Check measurement files (and others beside them); what is kept of them is gone when the work is done.
+    """Read and check measurement files.
 
-    With `cure` what would be refused is read as its checks propose. `friction` are those of them that test the friction
-    of single joints.
+    The recordings are stored in a temporary folder, which is removed when the context ends.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Files to identify from.
+    robot : Robot
+        The robot that they are recordings of.
+    reading : TimedReading
+        How they are read. With `cure`, files that would be refused are read as their checks propose.
+    progress : callable
+        Reports progress.
+    others : sequence of Path
+        Further files, for example held-out data.
+    friction : collection of Path
+        Those of the files that test the friction of single joints.
 
     Yields
     ------
-    measurements, others : each with its checks
+    measurements, others : list of Loaded
+        The recordings of `paths` and of `others`, each with its checks.
     """
     everything = [*paths, *others]
     names = unique_names(everything)
     windows = parsing.windows_of(reading.windows, names, _neighbours(everything))
     columns, units = parsing.pairs(reading.columns, "--columns"), parsing.pairs(reading.units, "--units")
-    told = read_metadata(reading.metadata, names)
+    metadata_by_name = read_metadata(reading.metadata, names)
     answers = Answers(columns, units, reading.accept, reading.cure)
     with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
-        found = []
+        measurements = []
         for index, (path, name) in enumerate(zip(everything, names, strict=True)):
-            said = told.get(name)
-            if said is None:
-                said = _proposed(path, robot, answers, reading.rate) if reading.as_proposed else RecordingMetadata()
+            base_metadata = metadata_by_name.get(name)
+            if base_metadata is None:
+                base_metadata = (
+                    _proposed(path, robot, answers, reading.rate) if reading.as_proposed else RecordingMetadata()
+                )
+            # Options win over a metadata file, key by key for columns and units.
             metadata = replace(
-                said,
+                base_metadata,
                 name=name,
-                columns={**said.columns, **columns},
-                units={**said.units, **units},
+                columns={**base_metadata.columns, **columns},
+                units={**base_metadata.units, **units},
                 role="friction" if path in friction else None,
-                windows=windows.get(name, said.windows),
-                rate=said.rate if reading.rate is None else reading.rate,
+                windows=windows.get(name, base_metadata.windows),
+                rate=base_metadata.rate if reading.rate is None else reading.rate,
                 accept=tuple(reading.accept),
-                skip=(*said.skip, *(cast("ConditioningStep", name) for name in reading.skip)),
+                skip=(*base_metadata.skip, *(cast("ConditioningStep", name) for name in reading.skip)),
             )
             share = part(progress, index / len(everything), (index + 1) / len(everything))
             try:
-                found.append(_load(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=reading.cure))
+                measurements.append(
+                    _load(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=reading.cure)
+                )
             except RecordingError as error:
-                if error.title == "Missing column" and name not in told and not reading.as_proposed:
+                # Only where columns can still be proposed: neither stated in a file nor proposed already.
+                if error.title == "Missing column" and name not in metadata_by_name and not reading.as_proposed:
                     error.detail += " Or have the columns told by names and content: --as-proposed."
                 raise
-        yield found[: len(paths)], found[len(paths) :]
+        yield measurements[: len(paths)], measurements[len(paths) :]
 
 
 def _neighbours(paths: Sequence[Path]) -> set[str]:
-    """Names of the files that lie beside those of this call: other commands of the same study may be about them."""
+    """Return the names of files in the same folders: windows may name them, as commands of a study share options."""
     folders = {path.parent for path in paths if path.parent.is_dir()}
     return {file.stem for folder in folders for file in folder.iterdir() if file.is_file()}
 
@@ -136,6 +176,7 @@ def _proposed(path: Path, robot: Robot, answers: Answers, rate: float | None) ->
     from dynident.identification.imports import inspect_file
 
     check_readable(path)
+    # Currents are no open question where the robot knows what torque they mean.
     has_gains = all(drive.gain is not None for drive in robot.drives)
     return as_proposed(path, inspect_file(path, robot, rate), has_gains=has_gains, answers=answers)
 
@@ -145,33 +186,43 @@ def _load(
 ) -> Loaded:
     check_readable(path)
     try:
-        read = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
+        imported = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
     except RecordingError as error:
-        if not cure and any(one.status == "error" and one.apply is not None for one in error.checks):
+        if not cure and any(check.status == "error" and check.apply is not None for check in error.checks):
             error.detail += " Or have it put right: --cure."
-        # Which of the files: the science knows columns, rows and times alone.
+        # The library knows columns, rows and times, but not which of the files it is.
         error.detail = f"{path.name}: {_reworded(error.detail, metadata.name)}"
-        error.checks = tuple(replace(one, detail=_reworded(one.detail, metadata.name)) for one in error.checks)
+        error.checks = tuple(replace(check, detail=_reworded(check.detail, metadata.name)) for check in error.checks)
         raise
-    told = tuple(replace(one, detail=_reworded(one.detail, read.metadata.name)) for one in read.checks)
-    return Loaded(read.recording, told, path, read.metadata)
+    checks = tuple(replace(check, detail=_reworded(check.detail, imported.metadata.name)) for check in imported.checks)
+    return Loaded(imported.recording, checks, path, imported.metadata)
 
 
 def _reworded(detail: str, name: str) -> str:
-    """What is wrong with the measurement of that name, with options in place of the contract's fields."""
+    """Rewrite a sentence about the recording of that name: options in place of fields of the contract."""
     for pattern, words in _REWORDED:
         detail = pattern.sub(words.replace("{name}", name), detail)
     return detail
 
 
 def recordings_of(measurements: Sequence[Loaded]) -> list[Recording]:
-    """The recordings alone."""
+    """Return the recordings of loaded files."""
     return [item.recording for item in measurements]
 
 
 @dataclass(frozen=True, eq=False)
 class Read:
-    """The measurements of a command and those beside them, and what is left of its progress bar."""
+    """The recordings that a command has read.
+
+    Attributes
+    ----------
+    given : list of Loaded
+        Those that the command is about.
+    others : list of Loaded
+        Further ones, for example held-out data.
+    progress : callable
+        Reports progress on the part of the bar that reading has left.
+    """
 
     given: list[Loaded]
     others: list[Loaded]
@@ -179,12 +230,12 @@ class Read:
 
     @property
     def recordings(self) -> list[Recording]:
-        """The measurements' recordings."""
+        """Recordings that the command is about."""
         return recordings_of(self.given)
 
     @property
     def other_recordings(self) -> list[Recording]:
-        """Those of the ones beside them."""
+        """Recordings of the further files."""
         return recordings_of(self.others)
 
 
@@ -199,28 +250,44 @@ def read(
     *,
     share: float = 0.5,
 ) -> Iterator[Read]:
-    """Check measurement files as `loaded` does, behind a progress bar of which that takes a share."""
+    """Read and check measurement files as `loaded` does, with a progress bar.
+
+    Parameters
+    ----------
+    title : str
+        What the bar says.
+    share : float
+        The share of the bar that reading takes, 0 to 1; the rest is for the computation.
+
+    Yields
+    ------
+    Read
+        The recordings and the rest of the progress bar.
+    """
     with (
         progress_bar(title) as progress,
-        loaded(paths, robot, reading, part(progress, 0.0, share), others, friction) as (given, beside),
+        loaded(paths, robot, reading, part(progress, 0.0, share), others, friction) as (
+            measurements,
+            other_measurements,
+        ),
     ):
-        yield Read(given, beside, part(progress, share, 1.0))
+        yield Read(measurements, other_measurements, part(progress, share, 1.0))
 
 
-def effects_of(given: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:
-    """The effects that were asked for, checked against the robot."""
-    choices = named_effects(given)
+def effects_of(texts: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:
+    """Parse effects and check that they fit the robot."""
+    choices = named_effects(texts)
     check_choices(choices, robot)
     return choices
 
 
-def named_effects(given: Sequence[str]) -> tuple[EffectChoice, ...]:
-    """The effects that were named, as they were written."""
-    return written_effects(given, "--effects")
+def named_effects(texts: Sequence[str]) -> tuple[EffectChoice, ...]:
+    """Parse effects without checking them against a robot."""
+    return written_effects(texts, "--effects")
 
 
 def model_of(path: Path) -> Identification:
-    """Read an identified model."""
+    """Read an identified model from a file; `DynidentError` where it holds none."""
     check_readable(path)
     try:
         return from_bytes(path.read_bytes())
@@ -230,7 +297,7 @@ def model_of(path: Path) -> Identification:
 
 
 def stored_diagnosis(path: Path) -> AdvisedDiagnosis:
-    """Read what `dynident diagnose --out` wrote."""
+    """Read a diagnosis that `dynident diagnose --out` wrote; `DynidentError` where the file holds none."""
     from pydantic import ValidationError
 
     from dynident_service.adapters.diagnoses import diagnosis_of

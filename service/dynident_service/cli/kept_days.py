@@ -1,4 +1,4 @@
-"""Days from files, and from the file that keeps those of before."""
+"""Days of a series, from measurement files and from the file that stores earlier days."""
 
 from __future__ import annotations
 
@@ -20,25 +20,45 @@ def days_of(
     keep: Path | None,
     progress: Progress,
 ) -> tuple[Measure, tuple[Day, ...]]:
-    """The measure and the days: those that are kept first, in their order, then the new ones.
+    """Estimate the parameters of each day.
 
-    Whether the temperatures are taken in is decided by the first files: all of them have to have them.
+    Parameters
+    ----------
+    identification : Identification
+        The model whose parameters are followed.
+    paths : sequence of Path
+        One file a day, in their order.
+    reading : Reading
+        How the files are read.
+    keep : Path, optional
+        The file that stores earlier days.
+    progress : callable
+        Reports progress.
+
+    Returns
+    -------
+    measure : Measure
+        Which parameters may differ from day to day.
+    days : tuple of Day
+        The stored days in their order, then the new ones.
     """
     robot = identification.model.robot
     days: tuple[Day, ...] = ()
     content = keep.read_bytes() if keep is not None and keep.exists() else None
-    with loaded(paths, robot, reading, part(progress, 0.0, 0.6)) as (given, _):
-        recordings = [item.recording for item in given]
+    with loaded(paths, robot, reading, part(progress, 0.0, 0.6)) as (measurements, _):
+        recordings = [item.recording for item in measurements]
         if content is None:
+            # The first files decide whether temperature is a regressor: all later days have to be comparable.
             warm = all(recording.has_temperature for recording in recordings)
             measure = what_may_change(identification, with_temperature=warm)
         else:
             measure, days = resumed(identification, content)
-        found = list(days)
+        all_days = list(days)
         sources = [digest_of(path) for path in paths]
         for number, (recording, source) in enumerate(zip(recordings, sources, strict=True)):
-            if any(day.source == source for day in found):
+            # A file that is stored already is known by its hash, whatever it is called now.
+            if any(day.source == source for day in all_days):
                 continue
-            told = part(progress, 0.6 + 0.4 * number / len(paths), 0.6 + 0.4 * (number + 1) / len(paths))
-            found.append(measured(measure, free_name(recording.name, found), [recording], told, source))
-    return measure, tuple(found)
+            day_progress = part(progress, 0.6 + 0.4 * number / len(paths), 0.6 + 0.4 * (number + 1) / len(paths))
+            all_days.append(measured(measure, free_name(recording.name, all_days), [recording], day_progress, source))
+    return measure, tuple(all_days)

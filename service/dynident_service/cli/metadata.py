@@ -1,4 +1,4 @@
-"""What is said of a file in a file of its own, as `dynident inspect --out` writes it."""
+"""Metadata files: what `dynident inspect --out` proposes for a recording, and what `--metadata` reads."""
 
 from __future__ import annotations
 
@@ -13,29 +13,32 @@ from dynident.recordings import RecordingMetadata
 from dynident_service.cli.files import document_of
 
 NEEDED_FOR_GAINS = "drives"
+"""The question that asks for drive gains, which belong to the robot and not to the file."""
 _BESIDE = ("questions", "name", "format")
-"""What stands in such a file and is no part of what is said."""
+"""Keys of such a file that are no metadata."""
 _ELSEWHERE = ("name", "format", "role", "accept")
-"""What is told by the file itself, or has options and commands of its own."""
+"""Metadata that the file itself tells, or that have options or commands of their own."""
 
 
-def proposed(found: Inspection, rate: float | None = None) -> dict[str, object]:
-    """The metadata that are proposed, with what is still to be answered."""
-    assert found.proposal is not None
+def proposed(inspection: Inspection, rate: float | None = None) -> dict[str, object]:
+    """Return the proposed metadata as a JSON object, with the open questions."""
+    assert inspection.proposal is not None
     return {
-        "format": found.format,
-        "columns": dict(found.proposal.columns),
-        "units": dict(found.proposal.units),
+        "format": inspection.format,
+        "columns": dict(inspection.proposal.columns),
+        "units": dict(inspection.proposal.units),
         "windows": [],
         **({} if rate is None else {"rate": rate}),
-        "effort_kind": found.proposal.effort_kind,
-        "questions": [{"field": one.field, "detail": one.detail} for one in found.proposal.questions],
+        "effort_kind": inspection.proposal.effort_kind,
+        "questions": [
+            {"field": question.field, "detail": question.detail} for question in inspection.proposal.questions
+        ],
     }
 
 
 @dataclass(frozen=True)
 class Answers:
-    """What options say beside a proposal: columns and units, checks to accept, and whether cures are wanted."""
+    """Options that answer questions of a proposal: columns, units, checks to accept, and whether to cure."""
 
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
@@ -43,94 +46,132 @@ class Answers:
     cure: bool = False
 
     def answer(self, question: Question) -> bool:
-        """Whether a question is answered by them."""
-        if question.field in ("effort_kind", "units/tau") and any(_kind(one) == "current" for one in self.columns):
-            # Currents, or registers, that drive gains make torques of: their size is looked at when they are read.
+        """Tell whether these options answer a question."""
+        if question.field in ("effort_kind", "units/tau") and any(
+            _kind(signal) == "current" for signal in self.columns
+        ):
+            # Drive gains turn currents into torques; whether their size is plausible is checked when they are read.
             return True
         if question.check:
-            # What cannot be cured is refused when the file is read, with the same words.
+            # A file that cannot be cured is refused when it is read, with the same sentence.
             return self.cure or question.check in self.accept or (question.field in ("units/tau",) and bool(self.units))
         about, _, key = question.field.partition("/")
         if about == "effort_kind":
-            # What is no measurement in any unit has other columns as an answer alone.
-            given = (*self.columns, *self.units) if question.choices else tuple(self.columns)
-            return any(_kind(one) in ("tau", "current") for one in given)
-        told = {"columns": self.columns, "units": self.units}.get(about, {})
-        return any(not key or _kind(one) == _kind(key) for one in told)
+            # Without choices no unit makes the columns a torque, so only other columns are an answer.
+            answered_signals = (*self.columns, *self.units) if question.choices else tuple(self.columns)
+            return any(_kind(signal) in ("tau", "current") for signal in answered_signals)
+        answered = {"columns": self.columns, "units": self.units}.get(about, {})
+        return any(not key or _kind(signal) == _kind(key) for signal in answered)
 
 
 def _kind(key: str) -> str:
-    """The kind of signal that a key is about: tau of tau2 and of tau_elbow."""
+    """Return the kind of signal that a key names: "tau" for tau2 and for tau_elbow."""
     return key.partition("_")[0].rstrip("0123456789")
 
 
-def as_proposed(path: Path, found: Inspection, *, has_gains: bool, answers: Answers | None = None) -> RecordingMetadata:
-    """The proposal as it is, beside which `answers` are given.
+def as_proposed(
+    path: Path, inspection: Inspection, *, has_gains: bool, answers: Answers | None = None
+) -> RecordingMetadata:
+    """Accept proposed metadata as they are.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the message.
+    inspection : Inspection
+        What was found in it.
+    has_gains : bool
+        Whether the robot states drive gains.
+    answers : Answers, optional
+        Options that answer questions.
+
+    Returns
+    -------
+    RecordingMetadata
+        The proposed columns, units and kind of effort.
 
     Raises
     ------
     DynidentError
-        Where there is a question that has not been answered: taken as proposed would be a guess.
+        Where a question is open: to accept the proposal would be a guess.
     """
-    assert found.proposal is not None
-    given = answers or Answers()
-    open_ones = [
-        one
-        for one in found.proposal.questions
-        if not (has_gains and one.field == NEEDED_FOR_GAINS) and not given.answer(one)
+    assert inspection.proposal is not None
+    stated_answers = answers or Answers()
+    open_questions = [
+        question
+        for question in inspection.proposal.questions
+        if not (has_gains and question.field == NEEDED_FOR_GAINS) and not stated_answers.answer(question)
     ]
-    if open_ones:
-        told = "".join(f"\n  {one.field}: {one.detail}" for one in open_ones)
+    if open_questions:
+        question_list = "".join(f"\n  {question.field}: {question.detail}" for question in open_questions)
         raise DynidentError(
-            f"{path.name} cannot be taken as proposed; to be answered:{told}\nAnswer beside it by --columns, --units "
-            "or --gravity, by --accept CHECK where the recording is right all the same, or by --cure. Or write the "
-            f"proposal with `dynident inspect {path} --robot ROBOT --out {path.stem}.json`, answer there (and empty "
+            f"{path.name} cannot be taken as proposed; to be answered:{question_list}\n"
+            "Answer beside it by --columns, --units or --gravity, by --accept CHECK where the recording is right all "
+            "the same, or by --cure. Or write the proposal with "
+            f"`dynident inspect {path} --robot ROBOT --out {path.stem}.json`, answer there (and empty "
             "its questions), and give it as --metadata.",
             pointer=str(path),
             title="Open questions",
         )
-    taken = found.proposal
-    columns = dict(taken.columns)
-    if any(_kind(one) == "current" for one in given.columns):
+    proposal = inspection.proposal
+    columns = dict(proposal.columns)
+    # The user says that the effort columns are currents: the proposed torque columns would contradict that.
+    if any(_kind(signal) == "current" for signal in stated_answers.columns):
         columns = {ours: theirs for ours, theirs in columns.items() if _kind(ours) != "tau"}
-    return RecordingMetadata(columns=columns, units=taken.units, effort_kind=taken.effort_kind)
+    return RecordingMetadata(columns=columns, units=proposal.units, effort_kind=proposal.effort_kind)
 
 
-def read_metadata(given: Sequence[str], names: Sequence[str]) -> dict[str, RecordingMetadata]:
-    """Metadata by the name of the measurement: FILE for all of them, NAME=FILE for one.
+def read_metadata(texts: Sequence[str], names: Sequence[str]) -> dict[str, RecordingMetadata]:
+    """Read metadata files.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        FILE for all recordings, or NAME=FILE for one.
+    names : sequence of str
+        Names of the recordings.
+
+    Returns
+    -------
+    dict
+        Metadata by the name of the recording.
 
     Raises
     ------
     DynidentError
-        For a file that is none, or holds open questions.
+        Where a file is no metadata, or holds open questions.
     """
-    found: dict[str, RecordingMetadata] = {}
-    for text in given:
+    metadata_by_name: dict[str, RecordingMetadata] = {}
+    for text in texts:
         name, sign, path = text.partition("=")
+        # A path may hold "=" itself: only the name of a recording before it makes it NAME=FILE.
         if sign and name in names:
-            found[name] = _read(Path(path))
+            metadata_by_name[name] = _read(Path(path))
         else:
-            found |= dict.fromkeys(names, _read(Path(text)))
-    return found
+            metadata_by_name |= dict.fromkeys(names, _read(Path(text)))
+    return metadata_by_name
 
 
 def _read(path: Path) -> RecordingMetadata:
-    # Most commands are told everything by options, and need not wait for the contract.
+    # Imported here: most calls have no metadata file and need not wait for the models of the contract.
     from pydantic import ValidationError
 
     from dynident_service.adapters.revisions import metadata_of
     from dynident_service.models.measurements import MeasurementMetadata
 
     document = document_of(path)
-    known = [one.name for one in fields(RecordingMetadata) if one.name not in _ELSEWHERE]
-    if not set(document) <= {*known, *_BESIDE}:
-        allowed = ", ".join((*known, *_BESIDE))
+    field_names = [
+        metadata_field.name for metadata_field in fields(RecordingMetadata) if metadata_field.name not in _ELSEWHERE
+    ]
+    if not set(document) <= {*field_names, *_BESIDE}:
+        allowed = ", ".join((*field_names, *_BESIDE))
         raise DynidentError(f"{path.name} is no metadata: give an object of {allowed}", pointer=str(path))
     questions: Any = document.get("questions") or ()
-    asked = [one for one in questions if one.get("field") != NEEDED_FOR_GAINS]
-    if asked:
+    open_questions = [question for question in questions if question.get("field") != NEEDED_FOR_GAINS]
+    if open_questions:
         raise DynidentError(
-            f"{path.name} holds an open question: {asked[0].get('detail', '')} Answer it and empty its questions.",
+            f"{path.name} holds an open question: {open_questions[0].get('detail', '')} "
+            "Answer it and empty its questions.",
             pointer=str(path),
             title="Open questions",
         )
@@ -141,9 +182,10 @@ def _read(path: Path) -> RecordingMetadata:
             pointer=str(path),
         )
     try:
-        # Null says as much as nothing.
-        told = {name: document[name] for name in known if document.get(name) is not None}
-        return metadata_of(MeasurementMetadata.model_validate({"robot_id": "-", "name": "-", **told}))
+        # Null means that the field is not stated.
+        values = {name: document[name] for name in field_names if document.get(name) is not None}
+        # The model of the contract checks types and ranges; a robot and a name are mandatory there, but unused here.
+        return metadata_of(MeasurementMetadata.model_validate({"robot_id": "-", "name": "-", **values}))
     except ValidationError as error:
         first = error.errors()[0]
         place = "/".join(map(str, first["loc"]))

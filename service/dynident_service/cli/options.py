@@ -1,4 +1,7 @@
-"""Options that several commands share."""
+"""Options and arguments that several commands share, alone and in groups.
+
+The dataclasses here are groups of options: a command takes one as a parameter, and `with_options` spreads it.
+"""
 
 from __future__ import annotations
 
@@ -13,17 +16,17 @@ from dynident_service.cli.files import A_ROBOT, TO_READ, known_arms
 
 
 def several(*names: str, metavar: str, help: str) -> object:
-    """An option that may be given any number of times."""
+    """Return an option that may be repeated; its default is an empty list."""
     return typer.Option(*names, metavar=metavar, help=help, default_factory=list, show_default=False)
 
 
 def several_files(*names: str, help: str) -> object:
-    """An option that names a file, any number of times."""
+    """Return an option that names a file and may be repeated."""
     return several(*names, metavar="FILE", help=help)
 
 
 def of_file(*names: str, help: str) -> object:
-    """An option that names a file, or several."""
+    """Return an option that names a file, or several where its type is a list."""
     return typer.Option(*names, metavar="FILE", help=help, show_default=False)
 
 
@@ -64,7 +67,7 @@ Validation = Annotated[
 
 @dataclass(frozen=True)
 class Beside:
-    """What a robot's description does not say."""
+    """What the description of a robot does not state: drive gains, locked joints, gravity."""
 
     drive_gains: Annotated[
         str,
@@ -101,7 +104,7 @@ Rate = Annotated[
 
 @dataclass(frozen=True)
 class TimedReading:
-    """How measurement files are read that have a time, or of which the metadata state the rate."""
+    """How measurement files are read. Their time is a column, or metadata state their rate."""
 
     columns: Annotated[
         list[str],
@@ -159,25 +162,25 @@ class TimedReading:
 
     @property
     def rate(self) -> float | None:
-        """The rate of rows without time."""
+        """Rows a second where files have no time: here none, as this group has no such option."""
         return None
 
 
 @dataclass(frozen=True)
 class Reading(TimedReading):
-    """How measurement files are read."""
+    """How measurement files are read, with an option for the rate of files without time."""
 
     rate: Rate = None
 
 
 @dataclass(frozen=True)
 class RobotReading(Beside, Reading):
-    """Both."""
+    """What the robot's description does not state, and how measurement files are read."""
 
 
 @dataclass(frozen=True)
 class RobotTimedReading(Beside, TimedReading):
-    """Both, of a command that has a rate of its own."""
+    """The same for commands whose `--rate` means something else, such as the rate of a design."""
 
 
 Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Where to write the result.")]
@@ -196,7 +199,7 @@ Seed = Annotated[int, typer.Option("--seed", help="The same seed gives the same 
 
 @dataclass(frozen=True)
 class Result:
-    """Where a result goes."""
+    """Where a result goes: into a file, and as JSON to stdout."""
 
     out: Out = None
     as_json: Json = False

@@ -1,4 +1,4 @@
-"""The small languages of the options: lists, pairs, windows, effects."""
+"""Parsers of option values: numbers, pairs, windows, drive gains, filters."""
 
 from __future__ import annotations
 
@@ -11,28 +11,47 @@ from dynident.errors import DynidentError
 Window = tuple[float, float]
 
 
-def pairs(given: Sequence[str], option: str) -> dict[str, str]:
-    """Pairs of `name=value`, several in one with commas between, or one JSON object."""
-    found: dict[str, str] = {}
-    for text in given:
+def pairs(texts: Sequence[str], option: str) -> dict[str, str]:
+    """Parse pairs of `name=value`.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        Pairs, several in one text with commas between, or JSON objects.
+    option : str
+        The option, for messages.
+
+    Returns
+    -------
+    dict of str
+        Values by name; later ones win.
+
+    Raises
+    ------
+    DynidentError
+        Where a text cannot be read.
+    """
+    parsed: dict[str, str] = {}
+    for text in texts:
+        # A JSON object is for names or values that hold commas or equals signs.
         if text.lstrip().startswith("{"):
-            found |= _json_pairs(text, option)
+            parsed |= _json_pairs(text, option)
             continue
         for item in _items(text):
             name, sign, value = item.partition("=")
             if not sign or not name.strip() or not value.strip():
                 raise _misread(option, item, "name=value")
-            found[name.strip()] = value.strip()
-    return found
+            parsed[name.strip()] = value.strip()
+    return parsed
 
 
 def numbers(text: str, option: str) -> list[float]:
-    """Numbers with commas between."""
+    """Parse numbers with commas between."""
     return [number(item, option) for item in _items(text)]
 
 
 def number(text: str, option: str) -> float:
-    """One number."""
+    """Parse a number; `DynidentError` where the text is none."""
     try:
         return float(text)
     except ValueError:
@@ -40,7 +59,25 @@ def number(text: str, option: str) -> float:
 
 
 def drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]:
-    """Drive gains [12.17] by joint: one number a joint in the robot's order, or `joint=gain` pairs."""
+    """Parse drive gains [12.17].
+
+    Parameters
+    ----------
+    text : str
+        One number a joint in the robot's order, or `joint=gain` pairs.
+    joint_names : sequence of str
+        The robot's joints.
+
+    Returns
+    -------
+    dict of float
+        Gains by joint, N m per unit of current.
+
+    Raises
+    ------
+    DynidentError
+        Where the count or a joint is wrong.
+    """
     if "=" not in text:
         values = numbers(text, "--drive-gains")
         if len(values) != len(joint_names):
@@ -50,26 +87,26 @@ def drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]:
                 pointer="--drive-gains",
             )
         return dict(zip(joint_names, values, strict=True))
-    found = {name: number(value, "--drive-gains") for name, value in pairs([text], "--drive-gains").items()}
-    for name in found:
+    gains = {name: number(value, "--drive-gains") for name, value in pairs([text], "--drive-gains").items()}
+    for name in gains:
         if name not in joint_names:
             raise DynidentError(
                 f"there is no joint {name!r}; the robot has: {', '.join(joint_names)}", pointer="--drive-gains"
             )
-    return found
+    return gains
 
 
 def locks(text: str) -> dict[str, float]:
-    """Positions to lock joints at: `joint=position`, or `joint` alone for 0."""
-    found: dict[str, float] = {}
+    """Parse positions to lock joints at, rad or m: `joint=position`, or `joint` alone for 0."""
+    positions: dict[str, float] = {}
     for item in _items(text):
         joint, sign, position = item.partition("=")
-        found[joint.strip()] = number(position, "--lock") if sign else 0.0
-    return found
+        positions[joint.strip()] = number(position, "--lock") if sign else 0.0
+    return positions
 
 
 def vector(text: str, option: str) -> tuple[float, float, float]:
-    """Three numbers with commas between."""
+    """Parse three numbers with commas between."""
     values = numbers(text, option)
     if len(values) != 3:
         raise DynidentError(f"{text!r} has {len(values)} numbers; expected three", pointer=option)
@@ -77,32 +114,51 @@ def vector(text: str, option: str) -> tuple[float, float, float]:
 
 
 def windows_of(
-    given: Sequence[str], names: Sequence[str], neighbours: Collection[str] = ()
+    texts: Sequence[str], names: Sequence[str], neighbours: Collection[str] = ()
 ) -> dict[str, tuple[Window, ...]]:
-    """Windows by measurement: `from:to` for all of them, `name=from:to` for one; several with commas between.
+    """Parse windows of time.
 
-    What follows a named window without a name of its own belongs to the same measurement. Windows of
-    `neighbours`, measurements of other calls, are left out, so that the commands of one study can share their options.
+    Parameters
+    ----------
+    texts : sequence of str
+        `from:to` for all recordings, `name=from:to` for one, in seconds; several with commas between. A window without
+        a name that follows a named one is of the same recording.
+    names : sequence of str
+        Names of the recordings.
+    neighbours : collection of str
+        Names of recordings of other calls. Their windows are skipped, so that the commands of one study can share
+        their options.
+
+    Returns
+    -------
+    dict
+        Windows (from, to) by the name of the recording.
+
+    Raises
+    ------
+    DynidentError
+        Where a text cannot be read, a name is unknown, or windows of one recording overlap.
     """
-    found: dict[str, tuple[Window, ...]] = {}
-    for text in given:
-        wanted = list(names)
+    windows_by_name: dict[str, tuple[Window, ...]] = {}
+    for text in texts:
+        targets = list(names)
         for item in _items(text):
+            # From the right: the name of a file may hold "=", a window does not.
             name, sign, rest = item.rpartition("=")
             if sign and name not in names and name not in neighbours:
                 raise DynidentError(
                     f"there is no measurement {name!r}; there are: {', '.join(names)}", pointer="--windows"
                 )
-            wanted = [name] if sign else wanted
-            for one in wanted:
-                found[one] = (*found.get(one, ()), _window(rest))
-    for name, windows in found.items():
+            targets = [name] if sign else targets
+            for target in targets:
+                windows_by_name[target] = (*windows_by_name.get(target, ()), _window(rest))
+    for name, windows in windows_by_name.items():
         _check_apart(name, windows)
-    return {name: windows for name, windows in found.items() if name in names}
+    return {name: windows for name, windows in windows_by_name.items() if name in names}
 
 
 def _check_apart(name: str, windows: Sequence[Window]) -> None:
-    """Refuse windows that overlap: most likely each was meant for a file of its own."""
+    """Refuse windows that overlap; most likely each was meant for a file of its own."""
     in_time = sorted(windows)
     for first, second in pairwise(in_time):
         if second[0] < first[1]:
@@ -114,7 +170,7 @@ def _check_apart(name: str, windows: Sequence[Window]) -> None:
 
 
 def preprocessing_request(text: str) -> Mapping[str, object] | str:
-    """`auto`, or pairs such as position_cutoff=6,torque_cutoff=6,decimation=3; `none` for no filter."""
+    """Parse `auto`, or pairs such as position_cutoff=6,torque_cutoff=6,decimation=3; `none` means no filter."""
     if text.strip() == "auto":
         return "auto"
     words: dict[str, object] = {"auto": "auto", "none": None, "null": None}
@@ -137,13 +193,13 @@ def _window(text: str) -> Window:
 
 def _json_pairs(text: str, option: str) -> dict[str, str]:
     try:
-        found = json.loads(text)
+        document = json.loads(text)
     except json.JSONDecodeError as error:
         raise DynidentError(f"this is no JSON object: {error}", pointer=option) from error
-    if not isinstance(found, dict):
+    if not isinstance(document, dict):
         raise _misread(option, text, "a JSON object")
-    return {str(key): str(value) for key, value in found.items()}
+    return {str(key): str(value) for key, value in document.items()}
 
 
-def _misread(option: str, text: str, wanted: str) -> DynidentError:
-    return DynidentError(f"cannot read {text!r}; write {wanted}", pointer=option, title="Unusable option")
+def _misread(option: str, text: str, expected: str) -> DynidentError:
+    return DynidentError(f"cannot read {text!r}; write {expected}", pointer=option, title="Unusable option")

@@ -1,4 +1,4 @@
-"""What a report is made from, out of loaded measurements."""
+"""The contents of a report, from the recordings that a command has read."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from dynident_service.cli.inputs import Loaded
 def reported_runs(
     identification: Identification, training: Sequence[Loaded], held_out: Sequence[Loaded], progress: Progress
 ) -> list[ReportedRun]:
-    """Every measurement with the model's prediction beside it."""
+    """Compare each recording with the model's prediction, for the report."""
     everything = [(item, False) for item in training] + [(item, True) for item in held_out]
     runs = []
-    for index, (item, tried) in enumerate(everything):
+    for index, (item, is_held_out) in enumerate(everything):
         share = part(progress, index / len(everything), (index + 1) / len(everything))
         compared = compare(identification, item.recording, share)
         runs.append(
-            ReportedRun(item.recording, compared, tried, item.checks, sha256=digest_of(item.path), said=item.said)
+            ReportedRun(item.recording, compared, is_held_out, item.checks, sha256=digest_of(item.path), said=item.said)
         )
     return runs

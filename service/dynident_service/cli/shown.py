@@ -1,4 +1,4 @@
-"""Results as tables for people."""
+"""Results printed as tables."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from dynident.verdict import ModelVerdict, State
 
 _TOO_WIDE = (GROUPING, TIMES_SMALLEST)
+"""Columns of parameter tables that do not fit a terminal; files and reports have them."""
 
 STOPPED = 3
 """The exit code of a model that is not to be used."""
@@ -52,7 +53,7 @@ _MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
 
 
 def show_measurements(console: Console, measurements: Sequence[Loaded], held_out: Sequence[Loaded]) -> None:
-    """What was read, and everything doubtful in it."""
+    """Print the recordings and all checks that are not ok."""
     rows = []
     for group, use in ((measurements, "identification"), (held_out, "held out")):
         for item in group:
@@ -63,6 +64,7 @@ def show_measurements(console: Console, measurements: Sequence[Loaded], held_out
             )
     columns = ("measurement", "used for", "samples", "rate", "each joint stands")
     console.print(table("", columns, rows, right_from=2))
+    # Passed checks are not printed: the table says already that the file was read.
     for item in [*measurements, *held_out]:
         for check in item.checks:
             if check.status != "ok":
@@ -70,48 +72,49 @@ def show_measurements(console: Console, measurements: Sequence[Loaded], held_out
                 console.print(f"  {_MARKS[check.status]} {item.recording.name}, {name}: {check.detail}")
 
 
-def show_identification(console: Console, found: Identification, *, parameters: bool = True) -> None:
-    """Errors per joint, parameters, warnings."""
-    for reason in found.preprocessing.reasons:
+def show_identification(console: Console, identification: Identification, *, parameters: bool = True) -> None:
+    """Print the errors per joint, the parameters, the shape constants, and the warnings of a model."""
+    for reason in identification.preprocessing.reasons:
         console.print(f"  {reason}", style="dim")
-    console.print(_errors_table(found))
+    console.print(_errors_table(identification))
     if parameters:
-        shown = parameter_table("Base parameters", found.parameters)
-        print_tables(console, [shown.without(*_TOO_WIDE)])
-        for sentence in parameter_dependence(found).sentences:
+        base_table = parameter_table("Base parameters", identification.parameters)
+        print_tables(console, [base_table.without(*_TOO_WIDE)])
+        for sentence in parameter_dependence(identification).sentences:
             console.print(f"  {sentence}")
         console.print(
-            f"Condition number of W: {number(found.condition_number)}; {found.equations_per_parameter:.0f} equations "
-            "per parameter"
+            f"Condition number of W: {number(identification.condition_number)}; "
+            f"{identification.equations_per_parameter:.0f} equations per parameter"
         )
-    if found.shape_constants:
-        print_tables(console, [shape_table(found.shape_constants, found.model.robot.joint_names)])
-        for constant in found.shape_constants:
+    if identification.shape_constants:
+        print_tables(console, [shape_table(identification.shape_constants, identification.model.robot.joint_names)])
+        for constant in identification.shape_constants:
+            # The note of a choice among kinds explains nothing that is odd.
             if constant.note and constant.judgement != "chosen":
-                place = place_text(constant.joints, found.model.robot.joint_names)
+                place = place_text(constant.joints, identification.model.robot.joint_names)
                 console.print(f"  {constant.name} of {constant.effect} on {place}: {constant.note}.")
-    for warning in found.warnings:
+    for warning in identification.warnings:
         console.print(f"! {warning}", style="yellow")
 
 
-def show_essential(console: Console, found: EssentialPath) -> None:
-    """What was taken out, step by step, and what is left."""
-    print_tables(console, (one.without(*_TOO_WIDE) for one in essential_tables(found)))
-    console.print(found.reason)
+def show_essential(console: Console, path: EssentialPath) -> None:
+    """Print the steps of the backward elimination and the essential parameters."""
+    print_tables(console, (reported_table.without(*_TOO_WIDE) for reported_table in essential_tables(path)))
+    console.print(path.reason)
 
 
-def show_comparison(console: Console, name: str, found: Comparison, judged: Judgement) -> None:
-    """Errors per joint, also against the noise floor, and the worst stretches."""
-    errors, moving = found.errors, found.moving_errors
+def show_comparison(console: Console, name: str, comparison: Comparison, judgement: Judgement) -> None:
+    """Print the errors per joint, their ratio to the noise floor, and the intervals with the largest residuals."""
+    errors, moving = comparison.errors, comparison.moving_errors
     rows = [
         [
             joint,
-            *error_cells(moving, errors, j, found.units[j]),
-            f"{number(float(judged.noise.values[j]))} {found.units[j]}",
-            f"{judged.over_noise[j]:.1f} x" if moving.counts[j] else "–",
-            f"{judged.effective_samples[j]:.0f} of {len(found.t)}",
+            *error_cells(moving, errors, j, comparison.units[j]),
+            f"{number(float(judgement.noise.values[j]))} {comparison.units[j]}",
+            f"{judgement.over_noise[j]:.1f} x" if moving.counts[j] else "–",
+            f"{judgement.effective_samples[j]:.0f} of {len(comparison.t)}",
         ]
-        for j, joint in enumerate(found.joint_names)
+        for j, joint in enumerate(comparison.joint_names)
     ]
     rows.append(["all joints", "", percent(moving.relative_total), percent(errors.relative_total), "", "", ""])
     columns = (
@@ -124,79 +127,95 @@ def show_comparison(console: Console, name: str, found: Comparison, judged: Judg
         "independent\nsamples",
     )
     console.print(table(f"Measured against predicted: {name}", columns, rows))
-    if (found.phase == Phase.STANDING).any():
+    if (comparison.phase == Phase.STANDING).any():
         console.print(
             "  Where a joint stands, static friction may hold the torque; held against the predicted torque itself the "
-            f"error on all rows is {percent(found.raw_errors.relative_total)}."
+            f"error on all rows is {percent(comparison.raw_errors.relative_total)}."
         )
     worst = [
         [
-            one.joint,
-            f"{one.start:.2f} to {one.end:.2f} s",
-            number(one.rms),
-            f"{one.ratio:.1f} x",
-            ", ".join(f"{value:.2f}" for value in one.pose),
+            stretch.joint,
+            f"{stretch.start:.2f} to {stretch.end:.2f} s",
+            number(stretch.rms),
+            f"{stretch.ratio:.1f} x",
+            ", ".join(f"{value:.2f}" for value in stretch.pose),
         ]
-        for one in found.worst[:5]
+        for stretch in comparison.worst[:5]
     ]
     console.print(table("Where it is worst", ("joint", "when", "rms", "of the joint's own", "pose"), worst))
-    for note in judged.notes:
+    for note in judgement.notes:
         console.print(f"  {note}")
 
 
-def show_diagnosis(console: Console, found: AdvisedDiagnosis, robot: Robot) -> None:
-    """The verdict, the ranking, what was not visible."""
-    console.print(found.summary, style="bold")
-    console.print(table("Candidates", CANDIDATES, candidate_rows(found.candidates, robot), right_from=3))
-    for item in found.candidates:
+def show_diagnosis(console: Console, diagnosis: AdvisedDiagnosis, robot: Robot) -> None:
+    """Print the summary, the ranked candidates, the recommendation, and what the data cannot show."""
+    console.print(diagnosis.summary, style="bold")
+    console.print(table("Candidates", CANDIDATES, candidate_rows(diagnosis.candidates, robot), right_from=3))
+    for item in diagnosis.candidates:
         if item.significant:
             console.print(f"  {item.rank}. {item.evidence}")
-    if found.recommended:
-        wanted = ",".join(effect_text(choice) for choice in found.recommended)
-        console.print(f"To add what is missing: dynident extend … --effects '{wanted}'", soft_wrap=True)
-    for pattern in found.unknown:
+    if diagnosis.recommended:
+        effect_list = ",".join(effect_text(choice) for choice in diagnosis.recommended)
+        console.print(f"To add what is missing: dynident extend … --effects '{effect_list}'", soft_wrap=True)
+    for pattern in diagnosis.unknown:
         console.print(
             f"  {pattern.joint} still depends on {pattern.variable.replace('_', ' ')} ({percent(pattern.share, 2)})"
         )
-    if found.not_visible:
-        console.print(f"  This data could not have shown: {hidden_text(found, robot)}")
-    if found.next_experiment is not None:
-        console.print(f"  Next experiment: {found.next_experiment.reason}")
-        for step in found.next_experiment.instructions:
+    if diagnosis.not_visible:
+        console.print(f"  This data could not have shown: {hidden_text(diagnosis, robot)}")
+    if diagnosis.next_experiment is not None:
+        console.print(f"  Next experiment: {diagnosis.next_experiment.reason}")
+        for step in diagnosis.next_experiment.instructions:
             console.print(f"    - {step}")
 
 
-def show_changes(console: Console, found: Diagnosis, robot: Robot) -> None:
-    """What differs from the baseline, and what both lack."""
-    console.print(found.summary, style="bold")
-    rows = [list(row) for one in found.changes or () for row in change_rows(one, robot)]
+def show_changes(console: Console, diagnosis: Diagnosis, robot: Robot) -> None:
+    """Print what differs from the baseline, and what the model lacks before and after."""
+    console.print(diagnosis.summary, style="bold")
+    rows = [list(row) for change in diagnosis.changes or () for row in change_rows(change, robot)]
     if rows:
         console.print(table("Changes since the baseline", COLUMNS, rows, right_from=3))
-    for one in found.changes or ():
-        _show_evidence(console, one)
-    if found.friction:
-        friction = [list(friction_row(one)) for one in found.friction]
+    for change in diagnosis.changes or ():
+        _show_evidence(console, change)
+    if diagnosis.friction:
+        friction = [list(friction_row(difference)) for difference in diagnosis.friction]
         console.print(table("Friction of each joint", FRICTION_COLUMNS, friction, right_from=1))
-    if found.recommended:
-        both = "; ".join(choice_text(choice, robot) for choice in found.recommended)
+    if diagnosis.recommended:
+        both = "; ".join(choice_text(choice, robot) for choice in diagnosis.recommended)
         console.print(f"  Missing in the model before and after: {both}")
-    if found.not_visible:
-        console.print(f"  These motions could not have shown: {hidden_text(found, robot)}")
+    if diagnosis.not_visible:
+        console.print(f"  These motions could not have shown: {hidden_text(diagnosis, robot)}")
 
 
-def _show_evidence(console: Console, one: Change) -> None:
-    doubt = f" This data cannot tell it from: {', '.join(one.equivalent)}." if one.equivalent else ""
-    console.print(f"  {one.evidence}{doubt}")
+def _show_evidence(console: Console, change: Change) -> None:
+    doubt = f" This data cannot tell it from: {', '.join(change.equivalent)}." if change.equivalent else ""
+    console.print(f"  {change.evidence}{doubt}")
 
 
 def choice_text(choice: EffectChoice, robot: Robot) -> str:
-    """An effect in words: "Stribeck friction on joint2"."""
+    """Return an effect in words: "Stribeck friction on joint2"."""
     title = effect_by_id(choice.effect).title
     return f"{title} on {place_text(choice.joints, robot.joint_names)}" if choice.joints else title
 
 
 def error_cells(moving: Errors, errors: Errors, joint: int, unit: str) -> list[str]:
-    """Of one joint: rms and relative error where it moves, relative error on all rows."""
+    """Format the errors of one joint.
+
+    Parameters
+    ----------
+    moving, errors : Errors
+        Errors on the rows where each joint moves, and on all rows.
+    joint : int
+        Index of the joint.
+    unit : str
+        Unit of its torque or force.
+
+    Returns
+    -------
+    list of str
+        Three cells: rms and relative error where it moves, relative error on all rows.
+    """
+    # A joint without torque has no error, and one that never moves has none while moving.
     if not errors.counts[joint]:
         return ["no torque", "–", "–"]
     if not moving.counts[joint]:
@@ -205,10 +224,10 @@ def error_cells(moving: Errors, errors: Errors, joint: int, unit: str) -> list[s
     return [f"{number(rms)} {unit}", percent(relative), percent(float(errors.relative[joint]))]
 
 
-def _errors_table(found: Identification) -> object:
-    kinds = [("fit", found.fit_moving, found.fit)]
-    if found.held_out is not None and found.held_out_moving is not None:
-        kinds.append(("held out", found.held_out_moving, found.held_out))
+def _errors_table(identification: Identification) -> object:
+    kinds = [("fit", identification.fit_moving, identification.fit)]
+    if identification.held_out is not None and identification.held_out_moving is not None:
+        kinds.append(("held out", identification.held_out_moving, identification.held_out))
     columns, total = ["joint"], ["all joints"]
     for name, moving, errors in kinds:
         columns += [f"{name}, rms,\nmoving", "relative,\nmoving", "all\nrows"]
@@ -218,30 +237,31 @@ def _errors_table(found: Identification) -> object:
             joint.name,
             *(cell for _, moving, all_of in kinds for cell in error_cells(moving, all_of, j, joint.effort_unit)),
         ]
-        for j, joint in enumerate(found.model.robot.joints)
+        for j, joint in enumerate(identification.model.robot.joints)
     ]
     return table("Error per joint: where it moves, and on all rows", columns, [*rows, total])
 
 
-def show_verdict(console: Console, found: ModelVerdict) -> None:
-    """What the model is fit for, why not, and what to do next."""
-    if found.stop is not None:
-        console.print(f"✕ {found.summary}", style="bold red")
+def show_verdict(console: Console, verdict: ModelVerdict) -> None:
+    """Print for which uses a model is fit, why or why not, and what to do next."""
+    # After a gross mistake the uses mean nothing.
+    if verdict.stop is not None:
+        console.print(f"✕ {verdict.summary}", style="bold red")
     else:
-        for one in found.uses:
-            console.print(f"{one.mark} {one.words}: {one.reason}", style=_STYLES[one.state])
-            console.print(f"    → {one.next_step}", soft_wrap=True)
-        if found.drift is not None:
-            _show_drift(console, found.drift)
-    for step in found.next_steps:
+        for use in verdict.uses:
+            console.print(f"{use.mark} {use.words}: {use.reason}", style=_STYLES[use.state])
+            console.print(f"    → {use.next_step}", soft_wrap=True)
+        if verdict.drift is not None:
+            _show_drift(console, verdict.drift)
+    for step in verdict.next_steps:
         console.print(f"→ {step}")
 
 
 def _show_drift(console: Console, drift: Drift) -> None:
-    """How far a simulation is off that is left alone, joint by joint."""
+    """Print the drift of a simulation without feedback, joint by joint."""
     rows = [
-        [joint, *(percent(share, 2) for share in each)]
-        for joint, each in zip(drift.joint_names, drift.share.T.tolist(), strict=True)
+        [joint, *(percent(share, 2) for share in joint_shares)]
+        for joint, joint_shares in zip(drift.joint_names, drift.share.T.tolist(), strict=True)
     ]
     columns = ("joint", *(f"after {after:g} s" for after in drift.after))
     console.print(
@@ -249,9 +269,9 @@ def _show_drift(console: Console, drift: Drift) -> None:
     )
 
 
-def show_ladder(console: Console, found: Identification) -> None:
-    """The error falling, model by model."""
-    models = list(found.ladder())
+def show_ladder(console: Console, identification: Identification) -> None:
+    """Print the models that led to one and their errors, and mark the best one."""
+    models = list(identification.ladder())
     best = best_rung(models)
     rows = []
     for index, model in enumerate(models):
@@ -263,29 +283,37 @@ def show_ladder(console: Console, found: Identification) -> None:
         rows.append([str(index + 1), change_text(model), fit, *held_out, rung_mark(best, index, len(models))])
     columns = ("model", "change", "fit", "held out", "moving", "")
     console.print(table("Ladder of models", columns, rows, right_from=2))
-    if (told := best_rung_text(best, len(models))) != "":
-        console.print(f"  {told}")
+    if (best_text := best_rung_text(best, len(models))) != "":
+        console.print(f"  {best_text}")
 
 
-def show_ladders(console: Console, one: tuple[str, Identification], other: tuple[str, Identification]) -> None:
-    """Two ladders beside each other, each with its name: held-out errors, or those of the fit where there are none."""
-    ladders = [list(found.ladder()) for _, found in (one, other)]
+def show_ladders(console: Console, first: tuple[str, Identification], second: tuple[str, Identification]) -> None:
+    """Print two ladders side by side.
+
+    Parameters
+    ----------
+    first, second : tuple of str and Identification
+        The name of each ladder and its last model. Held-out errors are compared; errors of the fit where any model of
+        the two has no held-out data.
+    """
+    ladders = [list(identification.ladder()) for _, identification in (first, second)]
     held_out = all(model.held_out is not None for ladder in ladders for model in ladder)
     rows = []
     for index, pair in enumerate(zip_longest(*ladders)):
         errors = [None if model is None else _total(model, held_out) for model in pair]
+        # Of two relative errors the difference in percentage points.
         gap = "" if errors[0] is None or errors[1] is None else f"{100 * (errors[0] - errors[1]):+.2f}"
         cells = [
             ("" if m is None else change_text(m), "" if e is None else percent(e))
             for m, e in zip(pair, errors, strict=True)
         ]
         rows.append([str(index + 1), *cells[0], *cells[1], gap])
-    columns = ("model", one[0], "error", other[0], "error", "difference, points")
+    columns = ("model", first[0], "error", second[0], "error", "difference, points")
     console.print(table(f"Two ladders, {'held out' if held_out else 'fit'}", columns, rows, right_from=5))
 
 
 def change_text(model: Identification) -> str:
-    """What was added to the model before, or taken out of it."""
+    """Return in words what the last step added to a model or took out of it."""
     if model.step.parent is None:
         return "first model"
     robot = model.model.robot
@@ -298,30 +326,37 @@ def _total(model: Identification, held_out: bool) -> float:
     return errors.relative_total
 
 
-def show_series(console: Console, found: Series, robot: Robot) -> None:
-    """What changed and when, and the course of what did; of all else the file has it."""
-    console.print(found.summary, style="bold")
-    rows = [[when(one, found.days), *row] for one in found.changes for row in change_rows(one.change, robot)]
+def show_series(console: Console, series: Series, robot: Robot) -> None:
+    """Print what changed and when, and the values of changed parameters day by day; the file has all of them."""
+    console.print(series.summary, style="bold")
+    rows = [
+        [when(series_change, series.days), *row]
+        for series_change in series.changes
+        for row in change_rows(series_change.change, robot)
+    ]
     if rows:
         console.print(table("Changes", ("from", *COLUMNS), rows, right_from=4))
+    # An effect without joints is of the whole robot; its parameters have an empty joint.
     changed = {
-        (one.change.choice.effect, joint) for one in found.changes for joint in one.change.choice.joints or ("",)
+        (series_change.change.choice.effect, joint)
+        for series_change in series.changes
+        for joint in series_change.change.choice.joints or ("",)
     }
-    courses = [course for course in found.courses if (course.effect, course.joint) in changed]
+    courses = [course for course in series.courses if (course.effect, course.joint) in changed]
     if courses:
-        console.print(_courses(courses, found.days))
-    for one in found.changes:
-        _show_evidence(console, one.change)
-    if found.missing:
-        both = "; ".join(choice_text(choice, robot) for choice in found.missing)
+        console.print(_courses(courses, series.days))
+    for series_change in series.changes:
+        _show_evidence(console, series_change.change)
+    if series.missing:
+        both = "; ".join(choice_text(choice, robot) for choice in series.missing)
         console.print(f"  Missing in the model on all days: {both}")
 
 
-def when(one: SeriesChange, days: Sequence[str]) -> str:
-    """The day from which something differs, with those that the data cannot tell from it."""
-    if one.earliest == one.latest:
-        return days[one.since]
-    return f"{days[one.since]} ({days[one.earliest]} to {days[one.latest]})"
+def when(change: SeriesChange, days: Sequence[str]) -> str:
+    """Return the day from which something differs, with the days that the data cannot tell from it."""
+    if change.earliest == change.latest:
+        return days[change.since]
+    return f"{days[change.since]} ({days[change.earliest]} to {days[change.latest]})"
 
 
 def _courses(courses: Sequence[Course], days: Sequence[str]) -> object:

@@ -1,4 +1,4 @@
-"""Validations as tables for people."""
+"""Validations printed as tables."""
 
 from __future__ import annotations
 
@@ -14,22 +14,24 @@ _MARKS = {"pass": "✓ pass", "fail": "✕ fail", "not_evaluated": "– not eval
 _STYLES = {"pass": "bold green", "fail": "bold red", "not_evaluated": "bold"}
 
 
-def show_validation(console: Console, found: ValidationResult, robot: Robot) -> None:
-    """The figures, the verdict, its reason."""
+def show_validation(console: Console, result: ValidationResult, robot: Robot) -> None:
+    """Print the tables of a validation, its verdict, and the reason."""
     names = robot.joint_names
     by_number = {name: str(number) for number, name in enumerate(names, start=1)}
-    for one in tables_of(found, names):
-        # Joints across the page take their numbers where the page is too narrow for their names.
-        short = by_number if _width(one) > console.width else {}
-        columns = [short.get(column, column) for column in one.columns]
-        console.print(table(one.title, columns, one.texts, right_from=one.numbers_from))
-        if columns != list(one.columns):
+    for reported_table in tables_of(result, names):
+        # Where the terminal is too narrow for the joints' names as columns, their numbers stand there.
+        short = by_number if _width(reported_table) > console.width else {}
+        columns = [short.get(column, column) for column in reported_table.columns]
+        console.print(
+            table(reported_table.title, columns, reported_table.texts, right_from=reported_table.numbers_from)
+        )
+        if columns != list(reported_table.columns):
             console.print(f"  Joints: {', '.join(f'{by_number[name]} {name}' for name in names)}.")
-    console.print(_MARKS[found.verdict], style=_STYLES[found.verdict])
-    console.print(found.reason)
+    console.print(_MARKS[result.verdict], style=_STYLES[result.verdict])
+    console.print(result.reason)
 
 
-def _width(shown: ReportedTable) -> int:
-    """Characters that a table takes with nothing wrapped."""
-    lines = [shown.columns, *shown.texts]
-    return sum(max(len(line[k]) for line in lines) + 2 for k in range(len(shown.columns)))
+def _width(reported_table: ReportedTable) -> int:
+    """Return the width of a table in characters, with nothing wrapped."""
+    lines = [reported_table.columns, *reported_table.texts]
+    return sum(max(len(line[k]) for line in lines) + 2 for k in range(len(reported_table.columns)))

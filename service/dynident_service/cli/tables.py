@@ -1,4 +1,4 @@
-"""Series as CSV or Parquet files, written whole or not at all."""
+"""Signals, trajectories and day-by-day parameters as CSV or Parquet files."""
 
 from __future__ import annotations
 
@@ -26,16 +26,22 @@ _PHASES = np.array([phase.name.lower() for phase in Phase])
 
 
 def check_ending(path: Path, endings: tuple[str, ...] = ENDINGS) -> None:
-    """Raise before the work begins where its result could not be written."""
+    """Check that a result can be written, before the computation begins.
+
+    Raises
+    ------
+    DynidentError
+        Where the ending is not one of `endings`, or the folder is missing.
+    """
     if path.suffix not in endings:
-        known = f"{', '.join(endings[:-1])} or {endings[-1]}"
-        raise DynidentError(f"cannot write {path.name}; the file's ending has to be {known}", pointer="--out")
+        allowed = f"{', '.join(endings[:-1])} or {endings[-1]}"
+        raise DynidentError(f"cannot write {path.name}; the file's ending has to be {allowed}", pointer="--out")
     if not path.parent.is_dir():
         raise DynidentError(f"there is no folder {path.parent}", pointer="--out", title="No such folder")
 
 
 def write_table(table: pa.Table, path: Path) -> None:
-    """Write a table in the format that the file's ending names."""
+    """Write a table as CSV or Parquet, by the ending of the file."""
     check_ending(path)
     if path.suffix == ".parquet":
         sink = pa.BufferOutputStream()
@@ -46,7 +52,15 @@ def write_table(table: pa.Table, path: Path) -> None:
 
 
 def write_trajectory(design: Design, path: Path) -> None:
-    """Write a trajectory as a table of t, q_<joint>…, dq_<joint>…, ddq_<joint>…, or as a message for ROS 2."""
+    """Write a trajectory.
+
+    Parameters
+    ----------
+    design : Design
+        The design with its trajectory.
+    path : Path
+        .csv or .parquet: a table of t, q_<joint>…, dq_<joint>…, ddq_<joint>…; .yaml: a message for ROS 2.
+    """
     if path.suffix == ".yaml":
         lines = joint_trajectory(design.joint_names, design.t, design.q, design.dq, design.ddq)
         write_whole(path, encode_text("".join(lines)))
@@ -54,24 +68,26 @@ def write_trajectory(design: Design, path: Path) -> None:
         write_table(design_table(design), path)
 
 
-def comparison_table(found: Comparison) -> pa.Table:
-    """Columns t, segment, and for every joint measured_, predicted_, lower_, upper_, residual_, band_, q_, dq_, phase_.
+def comparison_table(comparison: Comparison) -> pa.Table:
+    """Build the table of a comparison.
 
-    The phase is moving, reversing, standing, or passive_halt where a joint that follows turns round or stands; where a
-    joint stands, lower and upper are what static friction may hold.
+    Its columns are t, segment, and for every joint measured_, predicted_, lower_, upper_, residual_, band_, q_, dq_,
+    phase_. The phase is moving, reversing, standing, or passive_halt where a passive joint reverses or stands.
+    Where a joint stands, lower and upper are the limits of what static friction may hold.
     """
-    columns: dict[str, Any] = {"t": found.t, "segment": found.segment.astype(np.int64)}
+    columns: dict[str, Any] = {"t": comparison.t, "segment": comparison.segment.astype(np.int64)}
     for signal in _SIGNALS:
-        values = getattr(found, signal)
-        for index, joint in enumerate(found.joint_names):
+        values = getattr(comparison, signal)
+        for index, joint in enumerate(comparison.joint_names):
+            # Arrow takes columns that are contiguous.
             columns[f"{signal}_{joint}"] = np.ascontiguousarray(values[:, index])
-    for index, joint in enumerate(found.joint_names):
-        columns[f"phase_{joint}"] = _PHASES[found.phase[:, index]]
+    for index, joint in enumerate(comparison.joint_names):
+        columns[f"phase_{joint}"] = _PHASES[comparison.phase[:, index]]
     return named_columns(columns)
 
 
-def courses_table(found: Series) -> pa.Table:
-    """A row a parameter and day: parameter, effect, joint, unit, day, value and the ends of its 95 % interval."""
+def courses_table(series: Series) -> pa.Table:
+    """Build a table with one row a parameter and day: parameter, effect, joint, unit, day, value, 95 % interval."""
     rows = [
         {
             "parameter": encodable(course.parameter),
@@ -83,7 +99,7 @@ def courses_table(found: Series) -> pa.Table:
             "lower": float(course.intervals[k, 0]),
             "upper": float(course.intervals[k, 1]),
         }
-        for course in found.courses
-        for k, day in enumerate(found.days)
+        for course in series.courses
+        for k, day in enumerate(series.days)
     ]
     return pa.Table.from_pylist(rows)

@@ -24,7 +24,7 @@ Show = Callable[[Console], None]
 
 
 def tell(
-    result: Result, what: str, described: Described, show: Show, content: Callable[[], bytes] | None = None
+    result: Result, label: str, described: Described, show: Show, content: Callable[[], bytes] | None = None
 ) -> None:
     """Write what came out where it was asked for, its document where there is no `content`, and tell of it.
 
@@ -34,23 +34,27 @@ def tell(
     document = _document(described()) if result.as_json or (result.out is not None and content is None) else {}
     if result.out is not None:
         write_whole(result.out, content() if content else json.dumps(document, indent=1, allow_nan=False).encode())
-    written = () if result.out is None else (f"{what} written to {result.out}",)
-    say(result.as_json, lambda: document, show, *written)
+    messages = () if result.out is None else (f"{label} written to {result.out}",)
+    say(result.as_json, lambda: document, show, *messages)
 
 
-def say(as_json: bool, described: Described, show: Show, *written: str) -> None:
+def say(as_json: bool, described: Described, show: Show, *messages: str) -> None:
     """Tell of what came out: its document for scripts; for people in words, and then what was written where."""
     if as_json:
         terminal.print_json(_document(described()))
         return
     console = terminal.out()
     show(console)
-    for line in written:
-        console.print(line)
+    for message in messages:
+        console.print(message)
 
 
 def tell_rung(
-    result: Result, found: Identification, parent_id: str, parent: Identification, judged: ModelVerdict | None = None
+    result: Result,
+    identification: Identification,
+    parent_id: str,
+    parent: Identification,
+    verdict: ModelVerdict | None = None,
 ) -> None:
     """The same of a model that was made from another one, with the verdict on it where there is one."""
     from dynident.identification import to_bytes
@@ -61,28 +65,28 @@ def tell_rung(
         from dynident_service.adapters.verdicts import show_verdict as shown_verdict
         from dynident_service.models.common import plain
 
-        document = plain(describe_identification(found, parent_id, parent))
-        return document if judged is None else {**document, "verdict": plain(shown_verdict(judged))}
+        document = plain(describe_identification(identification, parent_id, parent))
+        return document if verdict is None else {**document, "verdict": plain(shown_verdict(verdict))}
 
     def show(console: Console) -> None:
-        show_ladder(console, found)
-        show_identification(console, found, parameters=False)
-        if judged is not None:
-            show_verdict(console, judged)
+        show_ladder(console, identification)
+        show_identification(console, identification, parameters=False)
+        if verdict is not None:
+            show_verdict(console, verdict)
 
-    tell(result, "model", described, show, lambda: to_bytes(found))
+    tell(result, "model", described, show, lambda: to_bytes(identification))
 
 
-def tell_unchanged(result: Result, known: Identification, why: str) -> None:
+def tell_unchanged(result: Result, identification: Identification, why: str) -> None:
     """The same of a model that stays as it is: scripts find it where they asked for it."""
     from dynident.identification import to_bytes
 
     def described() -> BaseModel:
         from dynident_service.adapters.identifications import describe_identification
 
-        return describe_identification(known, None)
+        return describe_identification(identification, None)
 
-    tell(result, "the same model", described, lambda console: console.print(why), lambda: to_bytes(known))
+    tell(result, "the same model", described, lambda console: console.print(why), lambda: to_bytes(identification))
 
 
 def _document(described: BaseModel | Document) -> Document:

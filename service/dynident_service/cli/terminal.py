@@ -56,26 +56,33 @@ def progress_bar(title: str) -> Iterator[Report]:
         TimeElapsedColumn(),
         TextColumn("{task.fields[message]}", style="dim"),
     )
-    shown = Progress(*columns, console=console, transient=True)
-    with shown:
-        yield partial(_advance, shown, shown.add_task(title, total=1.0, message=""))
+    bar = Progress(*columns, console=console, transient=True)
+    with bar:
+        yield partial(_advance, bar, bar.add_task(title, total=1.0, message=""))
 
 
-def _advance(shown: Progress, task: TaskID, fraction: float, message: str) -> None:
-    shown.update(task, completed=fraction, message=message[:_MESSAGE])
+def _advance(bar: Progress, task: TaskID, fraction: float, message: str) -> None:
+    bar.update(task, completed=fraction, message=message[:_MESSAGE])
 
 
 def print_tables(console: Console, tables: Iterable[ReportedTable]) -> None:
     """Print tables as they are shown elsewhere."""
-    for one in tables:
-        console.print(table(one.title, one.columns, one.texts, right_from=one.numbers_from))
+    for reported_table in tables:
+        console.print(
+            table(
+                reported_table.title,
+                reported_table.columns,
+                reported_table.texts,
+                right_from=reported_table.numbers_from,
+            )
+        )
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, right_from: int = 1) -> Table:
     """A plain table; columns from the number `right_from` on hold figures."""
-    made = Table(title=title or None, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    rich_table = Table(title=title or None, title_justify="left", title_style="bold", box=None, pad_edge=False)
     for index, column in enumerate(columns):
-        made.add_column(column, justify="right" if index >= right_from else "left", no_wrap=index >= right_from)
+        rich_table.add_column(column, justify="right" if index >= right_from else "left", no_wrap=index >= right_from)
     for row in rows:
-        made.add_row(*row)
-    return made
+        rich_table.add_row(*row)
+    return rich_table

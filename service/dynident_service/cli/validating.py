@@ -63,12 +63,12 @@ def run(
 ) -> ValidationResult:
     """Make the validation that was asked for."""
     # Methods are tried on what was held out; what is given first is what they learn from.
-    on, others = (held_out, recordings) if isinstance(trial, Methods) else (recordings, held_out)
-    found = trial.judge(Tried(identification, on, others, progress))
-    return describe(trial, found, [recording.name for recording in on])
+    tested, others = (held_out, recordings) if isinstance(trial, Methods) else (recordings, held_out)
+    outcome = trial.judge(Tried(identification, tested, others, progress))
+    return describe(trial, outcome, [recording.name for recording in tested])
 
 
-def methods_of(given: list[str]) -> tuple[Method, ...] | None:
+def methods_of(arguments: list[str]) -> tuple[Method, ...] | None:
     """Methods as `model/strategy/estimator`, each left out or a word of its kind: `filtered`, `sequential/ols`, ….
 
     Raises
@@ -76,26 +76,26 @@ def methods_of(given: list[str]) -> tuple[Method, ...] | None:
     DynidentError
         With the word that is none of these.
     """
-    texts = [item.strip() for text in given for item in text.split(",") if item.strip()]
+    texts = [item.strip() for text in arguments for item in text.split(",") if item.strip()]
     return tuple(_method(text) for text in texts) or None
 
 
 def _method(text: str) -> Method:
-    found: dict[str, Any] = {}
+    words_by_kind: dict[str, Any] = {}
     for word in text.split("/"):
         kind = next((name for name, words in _KINDS.items() if word in words.names), None)
-        if kind is None or kind in found:
-            known = "; ".join(f"{name}: {', '.join(words.names)}" for name, words in _KINDS.items())
+        if kind is None or kind in words_by_kind:
+            choices = "; ".join(f"{name}: {', '.join(words.names)}" for name, words in _KINDS.items())
             raise DynidentError(
                 f"cannot read {word!r} in {text!r}; write words of these kinds with / between, one of each at most "
-                f"({known})",
+                f"({choices})",
                 pointer="--methods",
                 title=_TITLE,
             )
-        found[kind] = word
-    if "steps" in found:
-        found.setdefault("strategy", "sequential")
-    return Method(**found)
+        words_by_kind[kind] = word
+    if "steps" in words_by_kind:
+        words_by_kind.setdefault("strategy", "sequential")
+    return Method(**words_by_kind)
 
 
 _KINDS: dict[str, Named] = {

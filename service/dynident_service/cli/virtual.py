@@ -25,14 +25,14 @@ _TITLE = "Unusable trajectory"
 _RANDOM = TrajectoryRequest(sampling_rate=200.0)
 
 
-def acting_effects(given: Sequence[str]) -> tuple[ActingEffect, ...]:
+def acting_effects(texts: Sequence[str]) -> tuple[ActingEffect, ...]:
     """Effects of a virtual robot as they were written."""
-    found = []
-    for index, text in enumerate(effect_texts(given)):
+    acting = []
+    for index, text in enumerate(effect_texts(texts)):
         name, joints, values = effect_parts(text, "--effects")
         run = values.pop("run", None)
         shapes = {spec.name for spec in effect_by_id(name, f"/effects/{index}").shapes}
-        found.append(
+        acting.append(
             ActingEffect(
                 name,
                 joints,
@@ -41,15 +41,15 @@ def acting_effects(given: Sequence[str]) -> tuple[ActingEffect, ...]:
                 () if run is None else (f"{run:g}",),
             )
         )
-    return tuple(found)
+    return tuple(acting)
 
 
 def reference_of(path: Path | None, robot: Robot, seed: int, progress: Progress) -> Reference:
     """The motion in a file, or a random one within the robot's limits."""
     if path is None:
         request = DesignRequest(kind="random", trajectory=_RANDOM, seed=seed)
-        found = design_experiment(robot, request, progress)
-        return Reference(found.t, found.q, found.dq, found.ddq)
+        design = design_experiment(robot, request, progress)
+        return Reference(design.t, design.q, design.dq, design.ddq)
     table = _read(path)
     t, q = _column(table, "t", path), _signal(table, "q", robot, path)
     if len(t) < 4 or not np.all(np.diff(t) > 0):

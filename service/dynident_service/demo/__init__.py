@@ -1,1 +1,1 @@
-"""The demonstration: a virtual robot with a hidden effect, which is found by name from its recordings alone."""
+"""The demonstration: a virtual robot with a hidden effect, which is named from its recordings alone."""

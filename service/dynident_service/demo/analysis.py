@@ -1,4 +1,4 @@
-"""From files to a named effect: what any user would do, and all that the analysis ever sees."""
+"""The analysis of the demonstration: from recorded files to a named effect, as any user would do it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from dynident_service.cli.reporting import reported_runs
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """What came out, step by step; `ladder` from the first model to the last."""
+    """The results of all steps; `ladder` holds the models from the first to the last."""
 
     training: tuple[Loaded, ...]
     held_out: tuple[Loaded, ...]
@@ -42,7 +42,17 @@ class Analysis:
         return self.ladder[-1]
 
     def over_floor(self, model: Identification) -> FloatArray:
-        """(n,): held-out residual of a model where joints move, over the noise floor; 1 is all that can be reached."""
+        """Return the held-out residual of a model over the noise floor, joint by joint, where joints move.
+
+        Parameters
+        ----------
+        model : Identification
+
+        Returns
+        -------
+        (n,) array
+            1 is the best that a model can reach.
+        """
         moving = model.held_out_moving
         assert moving is not None
         return moving.rms / self.diagnosis.noise_floor
@@ -55,28 +65,43 @@ def analyse(
     design: Design,
     progress: Progress,
 ) -> Analysis:
-    """Identify, compare, diagnose, add what is missing one by one, and write the report (with the first design)."""
-    with loaded(training, robot, Reading(), part(progress, 0.0, 0.1), held_out) as (given, tried):
-        recordings, validation = recordings_of(given), recordings_of(tried)
+    """Identify, compare, diagnose, add the recommended effects one by one, and write the report.
+
+    Parameters
+    ----------
+    robot : Robot
+        As its description has it.
+    training, held_out : sequence of Path
+        Recorded files.
+    design : Design
+        Of the first recording, for the report.
+    progress : function
+
+    Returns
+    -------
+    Analysis
+    """
+    with loaded(training, robot, Reading(), part(progress, 0.0, 0.1), held_out) as (training_data, held_out_data):
+        recordings, validation = recordings_of(training_data), recordings_of(held_out_data)
         first = identify(robot, recordings, validation, progress=part(progress, 0.1, 0.2))
-        compared = compare(first, validation[0])
-        found = advise(examine(first, recordings, progress=part(progress, 0.2, 0.7)))
-        ladder = _ladder(first, found, recordings, validation, part(progress, 0.7, 0.85))
-        runs = reported_runs(ladder[-1], given, tried, part(progress, 0.85, 0.9))
+        comparison = compare(first, validation[0])
+        diagnosis = advise(examine(first, recordings, progress=part(progress, 0.2, 0.7)))
+        ladder = _ladder(first, diagnosis, recordings, validation, part(progress, 0.7, 0.85))
+        runs = reported_runs(ladder[-1], training_data, held_out_data, part(progress, 0.85, 0.9))
         progress(0.9, "writing the report")
-        report = html_report(ladder[-1], runs, diagnosis=found, design=design, title=f"Demonstration: {robot.name}")
-        return Analysis(tuple(given), tuple(tried), compared, found, tuple(ladder), report)
+        report = html_report(ladder[-1], runs, diagnosis=diagnosis, design=design, title=f"Demonstration: {robot.name}")
+        return Analysis(tuple(training_data), tuple(held_out_data), comparison, diagnosis, tuple(ladder), report)
 
 
 def _ladder(
     first: Identification,
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     recordings: Sequence[Recording],
     validation: Sequence[Recording],
     progress: Progress,
 ) -> list[Identification]:
     models = [first]
-    for index, choice in enumerate(found.recommended):
-        progress(index / len(found.recommended), f"adding {choice.effect}")
+    for index, choice in enumerate(diagnosis.recommended):
+        progress(index / len(diagnosis.recommended), f"adding {choice.effect}")
         models.append(extend(models[-1], [choice], recordings, validation))
     return models

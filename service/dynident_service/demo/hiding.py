@@ -1,4 +1,4 @@
-"""Where an effect can be hidden such that it can be found."""
+"""The choice of a joint on which a hidden effect can be found."""
 
 from __future__ import annotations
 
@@ -12,52 +12,78 @@ from dynident.regressors.observation import Observation
 from dynident.robot import Robot
 from dynident.simulation import Sensors, TrueEffect, typical_effect
 
+# Random states at which an effect's torque is computed.
 _STATES = 300
-# Largest torque of an effect, over the noise of a single sample of the sensor, below which nobody could find it.
+# An effect whose largest torque, over the noise of one sample of the sensor, is below this cannot be found.
 _WEAKEST = 2.7
 
 
 def hideable(robot: Robot, effect: str, joint: str) -> list[TrueEffect]:
-    """The effect, of a usual size, on every joint where it would show; or on the joint that was asked for.
+    """Return an effect of a usual size on every joint where it would show, or on one joint only.
 
-    A friction that grows with the load is nothing on a joint that carries none.
+    A friction that grows with the load, for instance, is nothing on a joint that carries none.
+
+    Parameters
+    ----------
+    robot : Robot
+    effect : str
+        The effect's id.
+    joint : str
+        The joint to hide it on; "" for any.
+
+    Returns
+    -------
+    list of TrueEffect
 
     Raises
     ------
     DynidentError
         Where the effect cannot be hidden at all, or not on that joint.
     """
-    described = effect_by_id(effect, "--effect")
-    names = [robot.joint_names[index] for index in described.applicable(robot)]
+    effect_class = effect_by_id(effect, "--effect")
+    names = [robot.joint_names[index] for index in effect_class.applicable(robot)]
     if joint and joint not in names:
         raise DynidentError(f"{effect} cannot sit on {joint!r}; it can on: {', '.join(names)}", pointer="--joint")
-    anywhere = described.scope == "robot" or len(described.unless_named(robot)) == 1
-    wanted = [joint] if joint else [""] if anywhere else names
+    anywhere = effect_class.scope == "robot" or len(effect_class.unless_named(robot)) == 1
+    joint_names = [joint] if joint else [""] if anywhere else names
     try:
-        possible = [typical_effect(robot, effect, name) for name in wanted]
+        possible = [typical_effect(robot, effect, name) for name in joint_names]
     except DynidentError as error:
         raise DynidentError(
             f"{error.detail}; an effect that every model has, or that needs more than one robot, cannot be hidden",
             pointer="--effect",
             title="Nothing to hide",
         ) from error
-    return [one for one in possible if strength(robot, one) > _WEAKEST] or possible
+    # Where it shows on no joint it is hidden all the same: the demonstration then says that nobody could have seen it.
+    return [candidate for candidate in possible if strength(robot, candidate) > _WEAKEST] or possible
 
 
 def _while(effect: TrueEffect) -> tuple[float, float]:
-    """When an effect acts, s."""
+    """Return the times between which an effect acts, s."""
     shape = dict(effect.shape)
     return shape.get("t0", 0.0), shape.get("t1", 20.0)
 
 
 def strength(robot: Robot, effect: TrueEffect) -> float:
-    """The largest torque of an effect over random states, slow ones above all, over the noise of the torque sensor."""
+    """Return the largest torque of an effect over random states, over the noise of the torque sensor.
+
+    Parameters
+    ----------
+    robot : Robot
+        With inertias.
+    effect : TrueEffect
+
+    Returns
+    -------
+    float
+    """
     assert robot.inertias is not None
     signals = Signals(robot)
     columns = columns_of([effect.choice], signals)
     observation = Observation.of(robot, columns, signals)
     rng = np.random.default_rng(0)
     q = rng.uniform(-2.0, 2.0, (_STATES, robot.n))
+    # The third power makes slow states frequent: friction at low speed shows only there.
     dq = rng.uniform(-1.0, 1.0, (_STATES, robot.n)) ** 3 * [velocity_scale(robot, j) for j in range(robot.n)]
     entries = observation.evaluate(
         q,

@@ -1,4 +1,4 @@
-"""The experiment: trajectories are designed, the virtual robot follows them, its sensors write files."""
+"""The experiment of the demonstration: designed trajectories, which the virtual robot follows and records."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from dynident_service.cli.files import write_whole
 from dynident_service.cli.tables import write_table, write_trajectory
 from dynident_service.demo.scenario import Scenario
 
-# Random motions from point to point that the best is taken of: each takes a second to find.
+# Random motions from point to point, the best of which is taken: each takes a second to find.
 _FEW = 4
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRun:
-    """One recording as a user has it: a file, all of it, and the design it was made by."""
+    """One recording as a user has it: the file, and the design of its motion."""
 
     path: Path
     design: Design
@@ -36,9 +36,19 @@ class MeasuredRun:
 
 
 def design_runs(scenario: Scenario, progress: Progress) -> list[Design]:
-    """A design for every course of the plan."""
+    """Design a trajectory for every course of the plan.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    progress : function
+
+    Returns
+    -------
+    list of Design
+    """
     courses = scenario.plan.courses
-    found = []
+    designs = []
     for index, course in enumerate(courses):
         request = DesignRequest(
             kind=course.kind,
@@ -48,22 +58,37 @@ def design_runs(scenario: Scenario, progress: Progress) -> list[Design]:
             # A number of starts, not seconds: the same seed then gives the same trajectory on any machine.
             starts=course.starts,
             noise=_noise_of(scenario),
+            # Every course of every scenario has a seed of its own.
             seed=len(courses) * scenario.seed + index,
         )
         share = part(progress, index / len(courses), (index + 1) / len(courses))
-        found.append(design_experiment(scenario.robot, request, share))
-    return found
+        designs.append(design_experiment(scenario.robot, request, share))
+    return designs
 
 
 def _noise_of(scenario: Scenario) -> dict[str, float]:
-    """What the torque sensors leave of every sample, as the robot's data sheet would state it."""
+    """Return the standard deviation of each joint's torque sensor, as the robot's data sheet would state it."""
     sensors = Sensors(sampling_rate=scenario.plan.rate)
     names = scenario.robot.joint_names
     return {name: sensors.torque_noise * largest_torque(scenario.robot, j) for j, name in enumerate(names)}
 
 
 def measure(scenario: Scenario, designs: Sequence[Design], folder: Path, progress: Progress) -> list[MeasuredRun]:
-    """Let the virtual robot follow the trajectories; write what its sensors give, and nothing else of it."""
+    """Let the virtual robot follow the trajectories, and write what its sensors record.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    designs : sequence of Design
+        One for each course of the plan.
+    folder : Path
+        For the files.
+    progress : function
+
+    Returns
+    -------
+    list of MeasuredRun
+    """
     virtual = VirtualRobot(scenario.robot, scenario.effects, inertias=scenario.inertias)
     sensors = Sensors(sampling_rate=scenario.plan.rate)
     total = sum(design.duration for design in designs)
@@ -76,20 +101,37 @@ def measure(scenario: Scenario, designs: Sequence[Design], folder: Path, progres
         if scenario.warms_up:
             temperature = scenario.temperature(reference.t)
             reference = replace(reference, temperature=np.repeat(temperature[:, None], scenario.robot.n, axis=1))
-        found = virtual.measure(reference, sensors, run=course.name, seed=seed, progress=share)
+        recording = virtual.measure(reference, sensors, run=course.name, seed=seed, progress=share)
         write_trajectory(design, folder / f"trajectory_{course.name}.csv")
-        write_table(measurement_table(found), folder / f"{course.name}.csv")
-        runs.append(MeasuredRun(folder / f"{course.name}.csv", design, found.n_samples))
+        write_table(measurement_table(recording), folder / f"{course.name}.csv")
+        runs.append(MeasuredRun(folder / f"{course.name}.csv", design, recording.n_samples))
         done += design.duration
     return runs
 
 
 def seal(scenario: Scenario, path: Path) -> None:
-    """Write down what was hidden, to be opened at the end."""
+    """Write what was hidden to a file that is not read before the end.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    path : Path
+    """
     hidden = None if scenario.hidden is None else asdict(scenario.hidden)
     write_whole(path, json.dumps({"hidden": hidden, "seed": scenario.seed}, indent=1).encode())
 
 
 def reference_of(design: Design, begins: float = 0.0) -> Reference:
-    """The motion of a design as the robot's controller takes it, from a time of the session (s) on."""
+    """Return the motion of a design as the robot's controller takes it.
+
+    Parameters
+    ----------
+    design : Design
+    begins : float
+        Time of the session at which it starts, s.
+
+    Returns
+    -------
+    Reference
+    """
     return Reference(design.t + begins, design.q, design.dq, design.ddq)

@@ -1,4 +1,4 @@
-"""What is hidden, in which robot, and the experiment that is to show it."""
+"""The scenario of the demonstration: the robot, the hidden effect, and the plan of the experiment."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dynident_service.demo.hiding import hideable
 NOTHING = "none"
 # An arm in its cell turns no joint further than this from its middle.
 _RANGE = 2.5
-# Runs of what is in one of them alone: what was taken up for it, and somebody who came by.
+# Effects that are in one recording alone: a load that was taken up for the second, a contact during the first.
 _LATER_RUN, _FIRST_RUN = "run2", "run1"
 # s between the runs where friction drifts: what the arm does meanwhile is not recorded.
 _BETWEEN = 1500.0
@@ -35,10 +35,23 @@ _LINK_SPREAD, _DRIVE_SPREAD, _HIDDEN_SPREAD = 0.1, 0.25, 0.2
 
 @dataclass(frozen=True)
 class Course:
-    """One trajectory: seconds of a period, harmonics, periods, share of the robot's speed, starts of the optimiser.
+    """One trajectory of the plan.
 
-    With `points` it goes at random from one to the next and dwells in each, as most users' arms do; period and
-    harmonics then say nothing.
+    With `points` the motion goes at random from one point to the next and dwells in each, as most users' arms do;
+    period and harmonics then have no meaning.
+
+    Attributes
+    ----------
+    name : str
+    kind : "optimized" or "random"
+    period : float
+        s
+    harmonics, periods : int
+    speed : float
+        Share of the robot's velocity limits.
+    starts : int
+        Of the optimiser.
+    points : int
     """
 
     name: str
@@ -52,7 +65,7 @@ class Course:
 
     @property
     def trajectory(self) -> TrajectoryRequest:
-        """The motion wanted of a design."""
+        """The requested family of motions."""
         return TrajectoryRequest(
             family="point_to_point" if self.points else "fourier",
             duration=self.period,
@@ -66,13 +79,16 @@ class Course:
 
 @dataclass(frozen=True)
 class Plan:
-    """The experiment: a fast and a slow run to identify from, one with dwells to try it on; rate in Hz."""
+    """The plan of the experiment: recordings to identify from, the last one to test on; `rate` in Hz."""
 
     courses: tuple[Course, ...]
     rate: float = 500.0
 
     def through_a_session(self) -> Plan:
-        """With one more fast run: two moments do not tell what drifts with time from what drifts with temperature."""
+        """Return the plan with one more fast recording.
+
+        Two moments do not tell a drift with time from a drift with temperature; three do.
+        """
         *training, last = self.courses
         return replace(self, courses=(*training, replace(training[0], name=_THIRD_RUN, periods=1), last))
 
@@ -95,9 +111,20 @@ SHORT = Plan(
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """A virtual robot: `robot` as its description has it, `inertias` (n, 10) and `drive` as they truly are.
+    """A virtual robot with a hidden effect.
 
-    `hidden` is None where nothing is hidden.
+    Attributes
+    ----------
+    robot : Robot
+        As its description has it.
+    inertias : (n, 10) array
+        The true inertias of the links.
+    drive : tuple of TrueEffect
+        The true friction and rotor inertias.
+    hidden : TrueEffect or None
+        None where nothing is hidden.
+    plan : Plan
+    seed : int
     """
 
     robot: Robot
@@ -109,7 +136,22 @@ class Scenario:
 
     @classmethod
     def of(cls, robot: Robot, effect: str, joint: str, seed: int, quick: bool) -> Scenario:
-        """Draw a robot and hide an effect in it.
+        """Draw a robot at random and hide an effect in it.
+
+        Parameters
+        ----------
+        robot : Robot
+        effect : str
+            The effect's id, or `NOTHING`.
+        joint : str
+            The joint to hide it on; "" for any.
+        seed : int
+        quick : bool
+            Whether to take the short plan.
+
+        Returns
+        -------
+        Scenario
 
         Raises
         ------
@@ -123,7 +165,7 @@ class Scenario:
         rng = np.random.default_rng(seed)
         # One factor a link scales its mass, moments and inertia alike: the link stays physically possible.
         links = 1.0 + rng.uniform(-_LINK_SPREAD, _LINK_SPREAD, (robot.n, 1))
-        drive = tuple(_scaled(one, rng, _DRIVE_SPREAD) for one in typical_drive(robot))
+        drive = tuple(_scaled(drive_effect, rng, _DRIVE_SPREAD) for drive_effect in typical_drive(robot))
         possible = [] if effect == NOTHING else hideable(robot, effect, joint)
         hidden = _scaled(possible[int(rng.integers(len(possible)))], rng, _HIDDEN_SPREAD) if possible else None
         if hidden is not None:
@@ -135,11 +177,14 @@ class Scenario:
 
     @property
     def effects(self) -> tuple[TrueEffect, ...]:
-        """All that acts on the robot besides its links."""
+        """All effects that act on the robot besides its links."""
         return self.drive if self.hidden is None else (*self.drive, self.hidden)
 
     def begins(self, course: Course) -> float:
-        """Time of the session (s) at which a course begins: one session where friction drifts, else each its own."""
+        """Return the time of the session at which a course begins, s.
+
+        Without a drift every course is a session of its own and begins at 0.
+        """
         if self.hidden is None or not _drifts(self.hidden):
             return 0.0
         return _BETWEEN * self.plan.courses.index(course)
@@ -150,46 +195,57 @@ class Scenario:
         return self.hidden is not None and effect_by_id(self.hidden.effect).needs_temperature
 
     def temperature(self, t: FloatArray) -> FloatArray:
-        """Temperature (m,) of the joints in degC at times t (m,) of the session.
+        """Return the temperature of the joints over time.
 
-        The arm works until the second run is over, rests until the third, and works on: what goes with the temperature
-        does not go with the time.
+        The arm works until the second recording is over, rests until the third, and works again. So what depends on the
+        temperature does not depend on the time in the same way.
+
+        Parameters
+        ----------
+        t : (m,) array
+            Times of the session, s.
+
+        Returns
+        -------
+        (m,) array
+            degC
         """
         third = next(self.begins(course) for course in self.plan.courses if course.name == _THIRD_RUN)
         parts = ((0.0, third - _REST, _WARM), (third - _REST, third, _COLD), (third, np.inf, _WARM))
-        now, found = _COLD, np.full(len(t), _COLD)
+        part_start, values = _COLD, np.full(len(t), _COLD)
         for begins, ends, goal in parts:
-            there = (t >= begins) & (t < ends)
-            found[there] = goal + (now - goal) * np.exp((begins - t[there]) / _SLOWLY)
-            now = goal + (now - goal) * float(np.exp((begins - ends) / _SLOWLY))
-        return found
+            in_part = (t >= begins) & (t < ends)
+            # Each part approaches its own goal exponentially from where the part before it ended.
+            values[in_part] = goal + (part_start - goal) * np.exp((begins - t[in_part]) / _SLOWLY)
+            part_start = goal + (part_start - goal) * float(np.exp((begins - ends) / _SLOWLY))
+        return values
 
     def limits(self, course: Course) -> dict[str, Limits]:
-        """The ranges of an arm that stands in a cell, and the speed of the course."""
-        found = {}
+        """Return the joint limits of an arm that stands in a cell, at the speed of a course."""
+        limits = {}
         for joint in self.robot.joints:
             low, high = joint.reach or (-np.pi, np.pi)
             wide = joint.kind == "revolute" and high - low > 2 * _RANGE
             middle = 0.5 * (low + high)
             speed = joint.limits.velocity
-            found[joint.name] = Limits(
+            limits[joint.name] = Limits(
                 position=(middle - _RANGE, middle + _RANGE) if wide else None,
                 velocity=None if speed is None else course.speed * speed,
             )
-        return found
+        return limits
 
 
 def _runs_of(effect: Effect) -> tuple[str, ...]:
-    """The runs that a hidden effect is in; none named: all."""
+    """Return the recordings that a hidden effect is in; none named: all."""
     if effect.in_some_runs:
         return (_LATER_RUN,)
     return (_FIRST_RUN,) if effect.is_transient else ()
 
 
 def _drifts(effect: TrueEffect) -> bool:
-    """Whether an effect changes in the course of a session."""
-    described = effect_by_id(effect.effect)
-    return described.needs_temperature or described.needs_session
+    """Return whether an effect changes in the course of a session."""
+    effect_class = effect_by_id(effect.effect)
+    return effect_class.needs_temperature or effect_class.needs_session
 
 
 def _scaled(effect: TrueEffect, rng: np.random.Generator, spread: float) -> TrueEffect:

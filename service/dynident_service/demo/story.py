@@ -1,4 +1,4 @@
-"""The demonstration from beginning to end, told as it goes."""
+"""The demonstration from beginning to end."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from dynident_service.demo.scenario import Scenario
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What was hidden, what was found, and how long it took in all (s)."""
+    """The scenario, the results of the analysis, and the time that it all took (s)."""
 
     scenario: Scenario
     analysis: Analysis
@@ -32,24 +32,27 @@ class Outcome:
 
     @property
     def named_right(self) -> bool:
-        """Whether the diagnosis recommends the hidden effect where it is; nothing, where nothing was hidden."""
+        """True where the diagnosis recommends the hidden effect on its joint, or nothing where nothing was hidden."""
         hidden = self.scenario.hidden
         recommended = self.analysis.diagnosis.recommended
         if hidden is None:
             return not recommended
+        # Some effects are the same function under two names. No data can tell these apart.
         names = {hidden.effect, *effect_by_id(hidden.effect).same_function}
-        return any(one.effect in names and (not hidden.joint or hidden.joint in one.joints) for one in recommended)
+        return any(
+            choice.effect in names and (not hidden.joint or hidden.joint in choice.joints) for choice in recommended
+        )
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """Indices of the joints that the hidden effect acts on; all of them where it belongs to the robot."""
+        """Indices of the joints that the hidden effect acts on; all joints where it belongs to the robot."""
         names = self.scenario.robot.joint_names
         hidden = self.scenario.hidden
         return (names.index(hidden.joint),) if hidden is not None and hidden.joint else tuple(range(len(names)))
 
     def document(self) -> dict[str, object]:
-        """The outcome for programs."""
-        found, hidden = self.analysis, self.scenario.hidden
+        """Return the outcome as a JSON document."""
+        analysis, hidden = self.analysis, self.scenario.hidden
         return {
             "robot": self.scenario.robot.name,
             "joints": list(self.scenario.robot.joint_names),
@@ -57,18 +60,20 @@ class Outcome:
             "hidden": None
             if hidden is None
             else {**asdict(hidden), "values": dict(hidden.values), "shape": dict(hidden.shape)},
-            "verdict": found.diagnosis.verdict,
-            "named": [{"effect": one.effect, "joints": list(one.joints)} for one in found.diagnosis.recommended],
+            "verdict": analysis.diagnosis.verdict,
+            "named": [
+                {"effect": choice.effect, "joints": list(choice.joints)} for choice in analysis.diagnosis.recommended
+            ],
             "named_right": self.named_right,
-            "noise_floor": found.diagnosis.noise_floor.tolist(),
+            "noise_floor": analysis.diagnosis.noise_floor.tolist(),
             "ladder": [
                 {
-                    "added": [{"effect": one.effect, "joints": list(one.joints)} for one in model.step.added],
+                    "added": [{"effect": choice.effect, "joints": list(choice.joints)} for choice in model.step.added],
                     "fit": model.fit.relative_total,
                     "held_out": model.held_out.relative_total if model.held_out is not None else None,
-                    "held_out_over_noise_floor": found.over_floor(model).tolist(),
+                    "held_out_over_noise_floor": analysis.over_floor(model).tolist(),
                 }
-                for model in found.ladder
+                for model in analysis.ladder
             ],
             "hidden_joints": list(self.joints),
             "folder": str(self.folder),
@@ -77,7 +82,20 @@ class Outcome:
 
 
 def tell(scenario: Scenario, folder: Path, console: Console) -> Outcome:
-    """Run the demonstration and write its files into a folder."""
+    """Run the demonstration, report on it as it goes, and write its files.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    folder : Path
+        For the files; it is made where it does not exist.
+    console : Console
+        For the text.
+
+    Returns
+    -------
+    Outcome
+    """
     _prepare(folder)
     begun = time.monotonic()
     telling.opening(console, scenario)
@@ -98,7 +116,7 @@ def tell(scenario: Scenario, folder: Path, console: Console) -> Outcome:
 
 
 def _analysed(scenario: Scenario, runs: list[MeasuredRun]) -> Analysis:
-    """The analysis is told the robot's description and the files; not what is hidden."""
+    """Analyse the files with nothing but the robot's description: what is hidden is not passed on."""
     training, held_out = [run.path for run in runs[:-1]], [runs[-1].path]
     with progress_bar("identify and diagnose") as progress:
         return analyse(scenario.robot, training, held_out, runs[0].design, progress)

@@ -1,4 +1,4 @@
-"""The words and tables of the demonstration."""
+"""The texts and tables that the demonstration prints."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ from dynident_service.demo.measuring import MeasuredRun
 from dynident_service.demo.scenario import Scenario
 
 _SHOWN_CANDIDATES = 5
+# A residual below this multiple of the noise floor cannot be told from noise.
 _VISIBLE = 1.15
 
 
 def opening(console: Console, scenario: Scenario) -> None:
-    """What will happen."""
+    """Print what will happen."""
     robot = scenario.robot
     _heading(console, "The robot")
     console.print(
@@ -37,7 +38,7 @@ def opening(console: Console, scenario: Scenario) -> None:
 
 
 def experiment(console: Console, runs: Sequence[MeasuredRun], seconds: float) -> None:
-    """Trajectories and recordings."""
+    """Print trajectories and recordings."""
     _heading(console, "Design and measurement")
     rows = []
     for run in runs:
@@ -55,9 +56,9 @@ def experiment(console: Console, runs: Sequence[MeasuredRun], seconds: float) ->
     )
 
 
-def findings(console: Console, robot: Robot, found: Analysis) -> None:
-    """What identification, comparison and diagnosis say."""
-    first = found.first
+def findings(console: Console, robot: Robot, analysis: Analysis) -> None:
+    """Print the results of identification, comparison and diagnosis."""
+    first = analysis.first
     _heading(console, "Identify")
     assert first.held_out is not None
     console.print(
@@ -65,26 +66,30 @@ def findings(console: Console, robot: Robot, found: Analysis) -> None:
         f"{percent(first.fit.relative_total)} in the fit, {percent(first.held_out.relative_total)} held out.",
     )
     _heading(console, "Compare")
-    over = found.over_floor(first)
+    over = analysis.over_floor(first)
     worst = int(over.argmax())
     console.print(
         f"On held-out data {robot.joint_names[worst]} is worst: its residual is {over[worst]:.1f} times what the "
         "torque sensor's noise explains.",
     )
-    spot = next((one for one in found.diagnosis.failure_map if one.joint == robot.joint_names[worst]), None)
+    spot = next(
+        (failure for failure in analysis.diagnosis.failure_map if failure.joint == robot.joint_names[worst]), None
+    )
     if spot is not None:
         console.print(
             f"It is largest over {spot.variable}, between {number(spot.low)} and {number(spot.high)} {spot.unit}: "
             f"{spot.ratio:.1f} times the joint's own.",
         )
     _heading(console, "Diagnose")
-    _candidates(console, robot, found)
+    _candidates(console, robot, analysis)
     _heading(console, "Add, and see the error fall")
-    _ladder(console, robot, found)
+    _ladder(console, robot, analysis)
 
 
-def envelope(console: Console, scenario: Scenario, found: Analysis, named_right: bool, joints: Sequence[int]) -> None:
-    """What was hidden, beside what was named."""
+def envelope(
+    console: Console, scenario: Scenario, analysis: Analysis, named_right: bool, joints: Sequence[int]
+) -> None:
+    """Print what was hidden beside what was named."""
     _heading(console, "The envelope is opened")
     hidden = scenario.hidden
     if hidden is None:
@@ -99,32 +104,37 @@ def envelope(console: Console, scenario: Scenario, found: Analysis, named_right:
     )
     truth = dict(hidden.values)
     rows = [
-        [one.name, one.unit, number(truth[one.parameter], 4), number(value, 4), number(deviation, 2)]
-        for one, value, deviation in zip(
-            found.last.model.kept, found.last.values, found.last.statistics.standard_deviations, strict=True
+        [column.name, column.unit, number(truth[column.parameter], 4), number(value, 4), number(deviation, 2)]
+        for column, value, deviation in zip(
+            analysis.last.model.kept, analysis.last.values, analysis.last.statistics.standard_deviations, strict=True
         )
-        if one.effect == hidden.effect and one.link in (hidden.joint, "") and one.parameter in truth
+        if column.effect == hidden.effect and column.link in (hidden.joint, "") and column.parameter in truth
     ]
-    for one in found.diagnosis.recommended:
-        if one.effect == hidden.effect and (not hidden.joint or hidden.joint in one.joints):
-            known = effect_by_id(hidden.effect).shape_with_defaults(dict(hidden.shape))
-            specs = {spec.name: spec for spec in effect_by_id(one.effect).shapes}
+    for choice in analysis.diagnosis.recommended:
+        if choice.effect == hidden.effect and (not hidden.joint or hidden.joint in choice.joints):
+            true_shape = effect_by_id(hidden.effect).shape_with_defaults(dict(hidden.shape))
+            specs = {spec.name: spec for spec in effect_by_id(choice.effect).shapes}
             rows += [
-                [name, specs[name].unit, *(specs[name].word(one) or number(one, 4) for one in (known[name], value)), ""]
-                for name, value in one.shape
+                [
+                    name,
+                    specs[name].unit,
+                    *(specs[name].word(constant) or number(constant, 4) for constant in (true_shape[name], value)),
+                    "",
+                ]
+                for name, value in choice.shape
             ]
     if named_right and rows:
         columns = ("parameter", "unit", "true", "identified", "standard deviation")
         console.print(table("", columns, rows, right_from=2))
-    before = max(float(found.over_floor(found.first)[j]) for j in joints)
+    before = max(float(analysis.over_floor(analysis.first)[j]) for j in joints)
     if not named_right and before < _VISIBLE:
         console.print("On these motions it leaves nothing above the sensors' noise, so nobody could have seen it.")
-    after = max(float(found.over_floor(found.last)[j]) for j in joints)
+    after = max(float(analysis.over_floor(analysis.last)[j]) for j in joints)
     console.print(f"Held-out residual there: {before:.2f} times the noise floor before, {after:.2f} times after.")
 
 
 def closing(console: Console, robot: Robot, runs: Sequence[MeasuredRun], folder: Path, seconds: float) -> None:
-    """Where everything is, and how to do it again by hand."""
+    """Print where the files are, and how to repeat the analysis by hand."""
     _heading(console, "Files")
     console.print(f"{folder}/report.html tells all of this with figures; model.npz is the last model.")
     training = " ".join(str(run.path) for run in runs[:-1])
@@ -137,30 +147,30 @@ def closing(console: Console, robot: Robot, runs: Sequence[MeasuredRun], folder:
     console.print(f"Everything took {seconds:.1f} s.")
 
 
-def _candidates(console: Console, robot: Robot, found: Analysis) -> None:
-    rows = candidate_rows(found.diagnosis.candidates[:_SHOWN_CANDIDATES], robot)
+def _candidates(console: Console, robot: Robot, analysis: Analysis) -> None:
+    rows = candidate_rows(analysis.diagnosis.candidates[:_SHOWN_CANDIDATES], robot)
     console.print(table("", COLUMNS, rows, right_from=3))
-    console.print(found.diagnosis.summary, style="bold")
-    for item in found.diagnosis.candidates:
+    console.print(analysis.diagnosis.summary, style="bold")
+    for item in analysis.diagnosis.candidates:
         if item.significant and item.equivalent:
             console.print(f"This data cannot tell {item.effect} from {', '.join(item.equivalent)}.")
 
 
-def _ladder(console: Console, robot: Robot, found: Analysis) -> None:
-    """Joints down, models across: names of joints are long, of effects short."""
-    added = [", ".join(choice.effect for choice in model.step.added) for model in found.ladder[1:]]
-    over = [found.over_floor(model) for model in found.ladder]
-    floor = found.diagnosis.noise_floor
+def _ladder(console: Console, robot: Robot, analysis: Analysis) -> None:
+    """Print the ladder: joints as rows, models as columns: names of joints are long, of effects short."""
+    added = [", ".join(choice.effect for choice in model.step.added) for model in analysis.ladder[1:]]
+    over = [analysis.over_floor(model) for model in analysis.ladder]
+    floor = analysis.diagnosis.noise_floor
     rows = [
         [joint.name, *(f"{values[j]:.2f}" for values in over), f"{floor[j]:.2g} {joint.effort_unit}"]
         for j, joint in enumerate(robot.joints)
     ]
-    totals = [percent(model.held_out.relative_total) for model in found.ladder if model.held_out is not None]
+    totals = [percent(model.held_out.relative_total) for model in analysis.ladder if model.held_out is not None]
     rows.append(["all joints, relative error", *totals, ""])
     title = "Held-out residual per joint, as a multiple of the noise floor"
     columns = ("joint", "first model", *(f"+ {name}" for name in added), "noise floor")
     console.print(table(title, columns, rows))
-    for index, choice in enumerate(found.diagnosis.recommended):
+    for index, choice in enumerate(analysis.diagnosis.recommended):
         console.print(f"{'+' if index == 0 else 'then +'} {choice_text(choice, robot)}")
 
 

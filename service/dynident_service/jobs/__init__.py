@@ -1,1 +1,1 @@
-"""Jobs: a ledger in the database says what is to be done, the engine hands it out, a child process does it."""
+"""Jobs: a queue in the database, an engine that hands jobs out, and child processes that do them."""

@@ -1,4 +1,4 @@
-"""What a request or a part of a job has a child process compute: a function by name, its arguments, and its answer."""
+"""Calls of functions in a child process: the name of the function, its arguments, and its answer."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ log = logging.getLogger("dynident.job")
 
 @dataclass(frozen=True)
 class Call:
-    """A function "module:name" that takes plain values by name and gives plain values."""
+    """Call of a function "module:name" that takes plain values by keyword and returns plain values."""
 
     function: str
     arguments: Mapping[str, Any]
     request_id: str | None = field(default_factory=current_request)
     trace: str | None = field(default_factory=traces.current)
     of_a_job: bool = False
-    """It stands back as far as a job does: no request waits for it."""
+    """Whether a job needs the answer. The child then runs at the low priority of a job, as no request waits for it."""
     limits: Limits = UNLIMITED
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What came out, or why nothing did."""
+    """Return value of a call, or the problem that prevented it, with the peak memory of the child process in bytes."""
 
     peak_memory: int
     value: Any = None
@@ -42,13 +42,13 @@ class Answer:
 
 
 def answer(call: Call, peak_memory: int) -> Answer:
-    """Do a call; what goes wrong becomes a problem."""
+    """Do a call, and turn every exception into a problem."""
     with working_on(None, call.request_id), traces.going_on(f"compute {call.function}", call.trace):
         return _answer(call, peak_memory)
 
 
 def answer_readiness() -> bool:
-    """Answer, and nothing else: what the service asks a child process to see whether it would answer a request."""
+    """Return True: the service calls this to see whether a child process would answer a request."""
     return True
 
 
@@ -62,10 +62,12 @@ def _answer(call: Call, peak_memory: int) -> Answer:
         if is_out_of_memory(error):
             detail = "What was sent needs more memory than a request may take; send less at a time."
             return Answer(peak_memory, problem=make_problem(422, detail, title="Out of memory"))
+        # The process is confined to the files of the request, so a file of the user pointed elsewhere.
         if isinstance(error, PermissionError):
             log.exception("the call of %s went where it may not", call.function)
             detail = "What was sent points to something outside of it, which is not read; send it whole, in one file."
             return Answer(peak_memory, problem=make_problem(422, detail, title="Points elsewhere"))
+        # RLIMIT_FSIZE stopped a write; see Limits.
         if isinstance(error, OSError) and error.errno == errno.EFBIG:
             detail = "What would be written of this is larger than a request may write; ask for less at a time."
             return Answer(peak_memory, problem=make_problem(413, detail, title="Answer too large"))

@@ -1,4 +1,4 @@
-"""The checkpoints of a job: not more often than is worth it, and never in the way of the work."""
+"""Checkpoints of one attempt at a job, limited in number so that they do not slow the job down."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from dynident_service.storage.patience import INFRASTRUCTURE, reason_of
 from dynident_service.storage.turns import Claim
 
 EVERY = 3.0
-"""Seconds from one checkpoint to the next: about as much work is lost where a worker is killed."""
+"""Seconds between checkpoints: at most about as much work is lost when a worker is killed."""
 SHARE = 0.05
-"""Of the time, what checkpoints may take at most: one that takes long is kept less often."""
+"""Upper limit for the share of time that checkpoints take; one that takes long is written less often."""
 log = logging.getLogger("dynident.job")
 
 
 class KeptCheckpoints:
-    """Those of one attempt at a job; it goes on from the last one of any attempt before."""
+    """Checkpoints of one attempt at a job; the attempt continues from the last checkpoint of any earlier one."""
 
     def __init__(self, storage: Checkpointing, claim: Claim) -> None:
         self._storage = storage
@@ -26,11 +26,11 @@ class KeptCheckpoints:
         self._next = time.monotonic() + EVERY
 
     def last(self) -> bytes | None:
-        """Give what an earlier attempt kept last."""
+        """Return the last checkpoint of earlier attempts, or None."""
         return self._storage.find(self._claim.job_id) if self._claim.attempt > 1 else None
 
     def keep(self, make: Callable[[], bytes]) -> None:
-        """Keep one if it is time; a database that is away only costs the checkpoint."""
+        """Write a checkpoint if it is time; a database that is away costs only the checkpoint."""
         began = time.monotonic()
         if began < self._next:
             return

@@ -1,6 +1,6 @@
-"""The child process of a job: waits on its pipe, does one job at a time.
+"""The child process: waits on its pipe for jobs and calls, and does one at a time.
 
-It is a process of its own so that a computation can be stopped inside a solver: its process group is killed.
+A process of its own can be stopped even inside a solver: its process group is killed.
 """
 
 from __future__ import annotations
@@ -44,22 +44,25 @@ from dynident_service.storage.tables import ResourceRow
 from dynident_service.storage.turns import Claim
 
 PROGRESS_INTERVAL = 0.1
+"""Shortest time in seconds between two reports of progress."""
 SMALLEST_STEP = 0.005
+"""Smallest change of the fraction that is reported."""
 HEARTBEAT = 1.0
+"""Seconds between heartbeats."""
 SWITCH = 0.05
-"""Seconds from one try to the next to take the interpreter from a solver that holds it: each costs a little."""
+"""Seconds between attempts to take the interpreter from a solver that holds it; each attempt costs a little."""
 STANDS_BACK = 5
-"""How far what a request waits for stands back behind the process that answers; a job does behind that, too."""
+"""Niceness added for a process that a request waits for, relative to the process that answers; a job gets it twice."""
 REST = 1.0
-"""Seconds after which a job is given back that the infrastructure failed, so that it does not come again at once."""
+"""Seconds before a job is given back after a failure of the infrastructure, so that it does not return at once."""
 End = Callable[[Ledger], None]
-"""Writes the end of a job."""
+"""Writes the end of a job into the queue."""
 log = logging.getLogger("dynident.job")
 
 
 @dataclass(frozen=True)
 class Order:
-    """What the supervisor sends: a job, and where its data is."""
+    """Message of the supervisor: a job, and where its data is."""
 
     claim: Claim
     place: Place
@@ -67,21 +70,21 @@ class Order:
 
 @dataclass(frozen=True)
 class Hello:
-    """What the child says first."""
+    """First message of the child: its process id."""
 
     pid: int
 
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """What the child says from time to time while it works on a job."""
+    """Message of the child from time to time while it works."""
 
 
 @dataclass(frozen=True)
 class Receipt:
-    """What the child answers when the job has ended, well or badly (the ledger says which).
+    """Message of the child when a job has ended, well or badly; the queue says which.
 
-    With `trouble` it has not: the database or the object store was away for too long.
+    With `trouble` the job has not ended: the database or the object store was away for too long.
     """
 
     peak_memory: int
@@ -89,7 +92,7 @@ class Receipt:
 
 
 class Workshop:
-    """The means of a child process, opened once for all its jobs."""
+    """Database, object store and memory of a child process, opened once for all its jobs."""
 
     def __init__(self, place: Place) -> None:
         self.place = place
@@ -100,13 +103,19 @@ class Workshop:
         self.memory = Memory()
 
     def do(self, claim: Claim) -> None:
-        """Do a job and write its end into the ledger; raises what INFRASTRUCTURE lists if that cannot be."""
+        """Do a job and write its end into the queue.
+
+        Raises
+        ------
+        Exception
+            One of `INFRASTRUCTURE` if the end cannot be written.
+        """
         with traces.going_on(f"job {claim.function}", claim.trace, **{"dynident.attempt": claim.attempt}):
             end = self._attempt(claim)
             patiently(lambda: end(self.ledger), PATIENCE)
 
     def _attempt(self, claim: Claim) -> End:
-        """Do a job; gives what is to be written into the ledger."""
+        """Do a job, and return the action that writes its end into the queue."""
         try:
             outcome = self._call(claim)
             patiently(lambda: self._succeed(claim, outcome), PATIENCE)
@@ -130,25 +139,27 @@ class Workshop:
         return lambda ledger: None
 
     def _succeed(self, claim: Claim, outcome: Outcome) -> None:
-        # Tried again after a commit whose answer was lost, it finds the job ended: that is a lost claim, and no harm.
+        # This may be repeated after a commit whose confirmation was lost. It then finds the job ended and raises
+        # LostClaim, which does no harm.
         self.ledger.succeed(claim, lambda session: _store(session, self.objects, claim, outcome))
 
     def _call(self, claim: Claim) -> Outcome:
         module, _, name = claim.function.partition(":")
         function = cast(JobFunction, getattr(importlib.import_module(module), name))
-        found = None
+        subject = None
         if claim.resource_id is not None:
-            found = self.resources.find(claim.resource_id)
-            if found is None:
+            # The resource may have been deleted since the job was claimed; nobody waits for the job then.
+            subject = self.resources.find(claim.resource_id)
+            if subject is None:
                 raise LostClaim(claim.job_id)
-        reporter, kept = Reporter(self.ledger, claim), KeptCheckpoints(Checkpointing(self.database), claim)
-        task = Task(found, claim.arguments, self.resources, self.objects, self.memory, reporter, kept)
+        reporter, checkpoints = Reporter(self.ledger, claim), KeptCheckpoints(Checkpointing(self.database), claim)
+        task = Task(subject, claim.arguments, self.resources, self.objects, self.memory, reporter, checkpoints)
         with sharing(claim, self.place, self.objects):
             return function(task)
 
 
 class Reporter:
-    """Writes progress into the ledger, not more often than anybody can read it."""
+    """Writes progress into the queue, at a limited rate."""
 
     def __init__(self, ledger: Ledger, claim: Claim) -> None:
         self._ledger = ledger
@@ -158,7 +169,7 @@ class Reporter:
         self._last_message = ""
 
     def __call__(self, fraction: float, message: str) -> None:
-        """Report; raises LostClaim when nobody waits for the job any more."""
+        """Report progress; raise LostClaim if nobody waits for the job any more."""
         moved = fraction - self._last_fraction >= SMALLEST_STEP or message != self._last_message
         if not moved or time.monotonic() - self._last_time < PROGRESS_INTERVAL:
             return
@@ -171,7 +182,7 @@ class Reporter:
 
 
 def out_of_memory(memory: int) -> Problem:
-    """Say that a job took more memory than it may; it would again."""
+    """Return the problem of a job that took more memory than it may; it is final, as the job would do so again."""
     detail = (
         f"The computation needs more than the {memory // 1_000_000} MB that a job may take (DYNIDENT_JOB_MEMORY); "
         "use less data, a stronger decimation or fewer effects. It is not tried again."
@@ -192,17 +203,17 @@ def _store(session: Session, objects: ObjectStore, claim: Claim, outcome: Outcom
     result: dict[str, Any] = dict(outcome.result)
     row = None if claim.resource_id is None else session.get_one(ResourceRow, claim.resource_id)
     if outcome.creates is not None:
-        made = insert_one(session, objects, outcome.creates, None if row is None else row.owner).id
-        result[f"{outcome.creates.kind}_id"] = made
+        created_id = insert_one(session, objects, outcome.creates, None if row is None else row.owner).id
+        result[f"{outcome.creates.kind}_id"] = created_id
         if claim.resource_id is not None:
-            rest(session, [(claim.resource_id, made, "result")])
+            rest(session, [(claim.resource_id, created_id, "result")])
     if claim.resource_id is not None and row is not None:
         row.result = result
-        own(session, objects, [(claim.resource_id, one) for one in outcome.objects])
+        own(session, objects, [(claim.resource_id, owned) for owned in outcome.objects])
 
 
 class Line:
-    """The pipe to the supervisor, on which a heartbeat is heard while a job is done."""
+    """Pipe to the supervisor, with a thread that sends heartbeats while a job is done."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
@@ -211,13 +222,13 @@ class Line:
         threading.Thread(target=self._beat, daemon=True).start()
 
     def send(self, message: Hello | Heartbeat | Receipt | Answer) -> None:
-        """Send a message, whichever thread it is that speaks."""
+        """Send a message; several threads may call it."""
         with self._lock:
             self._connection.send(message)
 
     @contextmanager
     def beating(self) -> Iterator[None]:
-        """Send heartbeats meanwhile."""
+        """Send heartbeats in this context."""
         self._busy.set()
         try:
             yield
@@ -232,9 +243,14 @@ class Line:
 
 
 def work(jobs: int, lifeline: int) -> None:
-    """Do the jobs that come on a pipe, until its other end is closed; `lifeline` tells when the supervisor is gone.
+    """Do the jobs and calls that arrive on a pipe, until its other end is closed.
 
-    What comes first is how this process is confined.
+    Parameters
+    ----------
+    jobs : int
+        File descriptor of the pipe. The first message on it is the confinement of this process.
+    lifeline : int
+        File descriptor of a pipe whose other end is closed when the supervisor ends.
     """
     connection = Connection(jobs)
     _give_way()
@@ -242,7 +258,7 @@ def work(jobs: int, lifeline: int) -> None:
         confinement: Confinement = connection.recv()
     except (EOFError, OSError):
         return
-    # Before there is any other thread, which would not be confined.
+    # Confine before any other thread starts: Landlock restricts the calling thread and those that it starts later.
     confinement.apply((jobs, lifeline))
     _die_with_parent(lifeline)
     sys.setswitchinterval(SWITCH)
@@ -257,14 +273,16 @@ def work(jobs: int, lifeline: int) -> None:
             order = connection.recv()
         except (EOFError, OSError):
             return
+        # The priority can only be lowered. A child that has done a job is therefore slower than a request needs, but
+        # jobs and requests have pools of their own.
         if not behind and (isinstance(order, Order) or order.of_a_job):
             _give_way()
             behind = True
         if isinstance(order, Call):
             order.limits.apply()
             with line.beating():
-                answered = answer(order, _peak_memory())
-            line.send(answered)
+                reply = answer(order, _peak_memory())
+            line.send(reply)
             continue
         assert isinstance(order, Order)
         if workshop is None or workshop.place != order.place:
@@ -281,9 +299,10 @@ def work(jobs: int, lifeline: int) -> None:
 
 
 def _give_way() -> None:
-    """Leave the processor to who is more urgent, where both want it.
+    """Lower the priority of this process.
 
-    Linux shares it among sessions first, where it groups them, and each child has one of its own.
+    Linux divides the processor among sessions first if autogroups are on, and every child has a session of its own; so
+    the session gets the same niceness.
     """
     niceness = os.nice(STANDS_BACK)
     with suppress(OSError), open("/proc/self/autogroup", "w") as group:
@@ -302,9 +321,10 @@ def _peak_memory() -> int:
 
 
 def _die_with_parent(lifeline: int) -> None:
-    """See to it that this process group ends when the other end of the pipe is gone.
+    """Kill this process group when the other end of the pipe is closed.
 
-    The kernel does it where it can (Linux), as a thread would wait for a solver that holds the interpreter's lock.
+    The kernel does it where it can (Linux), as a thread would have to wait for a solver that holds the interpreter's
+    lock.
     """
     group = os.getpgid(0)
 
@@ -316,5 +336,5 @@ def _die_with_parent(lifeline: int) -> None:
         fcntl.fcntl(lifeline, fcntl.F_SETSIG, signal.SIGKILL)
         fcntl.fcntl(lifeline, fcntl.F_SETOWN, -group)
         fcntl.fcntl(lifeline, fcntl.F_SETFL, fcntl.fcntl(lifeline, fcntl.F_GETFL) | os.O_ASYNC)
-    # Elsewhere; and for a parent that was gone before the kernel was asked.
+    # The thread serves other systems, and a parent that had ended before the kernel was told to watch the pipe.
     threading.Thread(target=watch, daemon=True).start()

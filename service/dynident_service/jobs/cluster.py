@@ -1,4 +1,4 @@
-"""A Dask cluster elsewhere that jobs run on, by its address."""
+"""Execution of jobs on a Dask cluster, given by its address."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from dynident_service.jobs.work import Place
 from dynident_service.storage.turns import Claim
 
 LOOK = 2.0
-"""How often, in seconds, a cluster is asked for its workers."""
+"""Seconds between queries for the cluster's workers."""
 
 
 class ClusterAway(Exception):
-    """The scheduler does not answer, or is another one than before: connect anew."""
+    """The scheduler does not answer, or is another one than before; the caller should connect again."""
 
 
 class Cluster:
-    """A connection to a cluster whose workers have child processes ready."""
+    """Connection to a Dask cluster whose workers have child processes ready."""
 
     def __init__(self, address: str, place: Place) -> None:
         self.address = address
@@ -44,10 +44,13 @@ class Cluster:
         return self
 
     def slots(self) -> int:
-        """How many jobs may run at a time: one for each thread of each worker that is there now.
+        """Return how many jobs may run at a time: one for each thread of each worker that is there now.
 
-        Raises ClusterAway where the connection has to be made anew. What is registered with a scheduler dies with it,
-        so one that was restarted counts as away, too.
+        Raises
+        ------
+        ClusterAway
+            If the connection has to be made again. A scheduler that was restarted counts as away too: it has lost the
+            plugin that was registered with it.
         """
         if time.monotonic() - self._looked >= LOOK:
             if self._client.status != "running" or self._identity() != self._scheduler:
@@ -57,10 +60,12 @@ class Cluster:
         return self._slots
 
     def hand_out(self, claim: Claim, ended: Callable[[], None]) -> None:
-        """Have a job done by some worker; `ended` is called in another thread when it comes back."""
+        """Have a worker do a job; `ended` is called in another thread when the job comes back."""
+        # Dask runs a key once; the number of the attempt makes a repeated job a new task.
         key = f"{claim.job_id}-{claim.attempt}"
         future = self._client.submit(run_claim, claim, self._place, __version__, key=key, pure=False)
         future.add_done_callback(lambda _: ended())
+        # Without it Dask cancels a task as soon as nobody holds its future.
         fire_and_forget(future)
 
     def _identity(self) -> str:

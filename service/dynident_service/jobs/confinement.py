@@ -1,7 +1,7 @@
-"""What a child process may take and touch: memory, processor time, files and, where it reads strangers' files, folders.
+"""Limits for child processes: memory, processor time, file sizes, and the folders that they may read and write.
 
-The kernel enforces all of it. A library that is led astray by a file can then neither read another file nor reach the
-network, and what it takes too much of ends its own process alone.
+The kernel enforces all of them. A library that a malicious file misleads can then neither read other files nor reach
+the network, and if it uses too many resources only its own process ends.
 """
 
 from __future__ import annotations
@@ -19,26 +19,30 @@ from dynident_service.jobs.landlock import restrict_files_and_network
 
 PAGE = os.sysconf("SC_PAGE_SIZE")
 REQUEST_MEMORY = 1_500_000_000
-"""Bytes that a process may take which computes for requests. Files are read block by block, which takes 0.1 GB; a row
-group of a Parquet file is read whole, and has 0.3 GB where pandas writes 40 columns."""
+"""Bytes that a process for requests may allocate. Files are read block by block, which takes 0.1 GB; a row group of a
+Parquet file is read whole, which takes 0.3 GB if pandas wrote 40 columns.
+"""
 LONGEST_REQUEST = 120.0
+"""Seconds that a computation for a request may take, apart from reading files."""
 SPARE_SECONDS = 20.0
-"""Seconds of processor time that reading any file may take: one of six joints takes one, and the regressors of a robot
-of 29 joints are compiled within ten."""
+"""Seconds of processor time for any file, whatever its size. A file of six joints takes one, and compiling the
+regressors of a robot of 29 joints less than ten.
+"""
 SLOWEST_READING = 1_000_000
-"""Bytes of a file that are read and checked in a second of processor time, at the very least: six joints at 5 kHz are
-read at 7 MB a second as Parquet, whose rows are the smallest."""
+"""Bytes of a file that are read and checked per second of processor time, at the very least. Six joints at 5 kHz are
+read at 7 MB/s from Parquet, which has the fewest bytes per row.
+"""
 SMALLEST_FILE_LIMIT = 64_000_000
-"""Bytes that may be written whatever was sent."""
+"""Bytes that may be written in any case, however small the uploaded file."""
 LARGEST_GROWTH = 8
-"""The recording that is written of a file is at most so many times as large: the file may be compressed."""
+"""Largest ratio of the recording that is written to the file that was sent, which may be compressed."""
 SLOWEST_SHARE = 4.0
-"""A computation may wait for a processor, beside others, for so many times as long as it may use one."""
+"""Ratio of elapsed time to processor time that a computation is allowed, as it shares the processors with others."""
 
 
 @dataclass(frozen=True)
 class Folders:
-    """Folders that a process may read or write; `private` holds them and much that it may not."""
+    """Folders that a process may read or write. `private` contains them, and much that the process may not read."""
 
     private: Path
     read: Sequence[Path]
@@ -47,16 +51,16 @@ class Folders:
 
 @dataclass(frozen=True)
 class Confinement:
-    """What a child process may take and touch for all of its life.
+    """Limits of a child process for all of its life.
 
     Parameters
     ----------
     memory : int
         Bytes of address space beyond what is loaded when it begins.
     scratch : Path or None
-        Folder of its own for temporary files; that of the system where there is none.
+        Folder of its own for temporary files; without it the system's folder is used.
     folders : Folders or None
-        All that it may read (beside its own program) and write, without a network. None: it is not restricted so.
+        Folders that it may read and write besides those of its program, without a network; None means no restriction.
     """
 
     memory: int | None = None
@@ -64,9 +68,12 @@ class Confinement:
     folders: Folders | None = None
 
     def apply(self, connections: Sequence[int]) -> None:
-        """Confine this process, which must have one thread.
+        """Confine this process, which must have a single thread.
 
-        Of its descriptors the standard ones and `connections` stay.
+        Parameters
+        ----------
+        connections : sequence of int
+            File descriptors that stay open besides the standard ones.
         """
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a core file would hold all that the process knows
         if self.scratch is not None:
@@ -75,6 +82,7 @@ class Confinement:
         if self.memory is not None and (used := _address_space()) is not None:
             _limit(resource.RLIMIT_AS, used + self.memory)
         if self.folders is not None:
+            # A process that reads strangers' files gets neither credentials nor any inherited descriptor.
             forget_secrets()
             _close_descriptors(connections)
             own = () if self.scratch is None else (self.scratch,)
@@ -83,16 +91,16 @@ class Confinement:
 
 @dataclass(frozen=True)
 class Limits:
-    """What one computation that a request waits for may take.
+    """Limits of one computation that a request waits for.
 
     Parameters
     ----------
     longest : float
-        Seconds.
+        Elapsed time in seconds.
     processor_seconds : float or None
-        Of processor time; None: as many as `longest` leaves.
+        Processor time in seconds; None for as much as `longest` allows.
     file_bytes : int or None
-        Bytes of the largest file that it may write; None: any.
+        Bytes of the largest file that it may write; None for any size.
     """
 
     longest: float = LONGEST_REQUEST
@@ -101,18 +109,19 @@ class Limits:
 
     @classmethod
     def for_files(cls, *sizes: int) -> Limits:
-        """Give the limits of reading files of some sizes in bytes."""
+        """Return the limits for reading files of these sizes in bytes."""
         size = sum(sizes)
         seconds = SPARE_SECONDS + size / SLOWEST_READING
         return cls(LONGEST_REQUEST + SLOWEST_SHARE * seconds, seconds, max(SMALLEST_FILE_LIMIT, LARGEST_GROWTH * size))
 
     def apply(self) -> None:
-        """Limit what this process takes from now on; the next computation may have other limits."""
+        """Set the limits of this process; the next computation may have others."""
         usage = resource.getrusage(resource.RUSAGE_SELF)
         seconds = resource.RLIM_INFINITY
         if self.processor_seconds is not None:
+            # RLIMIT_CPU counts from the start of the process, so the time used up by earlier computations is added.
             seconds = int(usage.ru_utime + usage.ru_stime + self.processor_seconds) + 1
-        # Only the soft limits: they are set anew for the next computation.
+        # Only soft limits are set: a process may raise them again for the next computation, but not hard ones.
         _limit(resource.RLIMIT_CPU, seconds, hard=False)
         _limit(
             resource.RLIMIT_FSIZE, resource.RLIM_INFINITY if self.file_bytes is None else self.file_bytes, hard=False
@@ -123,12 +132,12 @@ UNLIMITED = Limits(float("inf"), None, None)
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Tell whether an error is that memory could not be had; CasADi and others pass on the words of C++."""
+    """Return whether an error means that memory ran out; CasADi and others pass on the message of C++."""
     return isinstance(error, MemoryError) or "bad_alloc" in str(error)
 
 
 def _limit(kind: int, most: int, *, hard: bool = True) -> None:
-    """Set a limit, which never exceeds the one that the process was started with."""
+    """Set a resource limit, at most as high as the one that the process was started with."""
     ceiling = resource.getrlimit(kind)[1]
     if ceiling != resource.RLIM_INFINITY:
         most = ceiling if most == resource.RLIM_INFINITY else min(most, ceiling)
@@ -136,15 +145,15 @@ def _limit(kind: int, most: int, *, hard: bool = True) -> None:
 
 
 def _address_space() -> int | None:
-    """Bytes of address space that this process has; None where the system does not say so."""
+    """Return the bytes of address space that this process has; None if the system does not say."""
     try:
         return int(Path("/proc/self/statm").read_text().split()[0]) * PAGE
     except OSError:
         return None
 
 
-def _close_descriptors(kept: Sequence[int]) -> None:
-    """Close all descriptors but the standard ones and `kept`."""
-    bounds = [2, *sorted(kept), os.sysconf("SC_OPEN_MAX")]
+def _close_descriptors(spared: Sequence[int]) -> None:
+    """Close all file descriptors except the standard ones and `spared`."""
+    bounds = [2, *sorted(spared), os.sysconf("SC_OPEN_MAX")]
     for below, above in itertools.pairwise(bounds):
         os.closerange(below + 1, above)

@@ -1,6 +1,6 @@
-"""Those who do the jobs on this machine: child processes, each looked after by a thread of this process.
+"""Execution of jobs on this machine: child processes, each supervised by a thread of this process.
 
-A Dask cluster for this alone took more of the interpreter that answers requests than accepting the jobs did.
+A local Dask cluster for the same purpose took more of the interpreter that answers requests than accepting jobs did.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ log = logging.getLogger("dynident.supervisor")
 
 
 class Crew:
-    """As many warm children as jobs may run at a time."""
+    """Pool of warm child processes, as many as jobs may run at a time."""
 
     address = "this machine"
 
@@ -38,12 +38,12 @@ class Crew:
         return self
 
     def slots(self) -> int:
-        """How many jobs may run at a time."""
+        """Return how many jobs may run at a time."""
         return self._size
 
     def hand_out(self, claim: Claim, ended: Callable[[], None]) -> None:
-        """Have a job done; `ended` is called in another thread when it comes back."""
-        # A daemon: one that waits for a database which is away must not keep the process from ending.
+        """Do a job; `ended` is called in another thread when it comes back."""
+        # A daemon thread: while it waits for a database that is away, it must not keep the process from ending.
         threading.Thread(target=self._do, args=(claim, ended), name=f"dynident-{claim.job_id}", daemon=True).start()
 
     def _do(self, claim: Claim, ended: Callable[[], None]) -> None:

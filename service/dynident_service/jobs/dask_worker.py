@@ -1,4 +1,4 @@
-"""What runs on the workers of a Dask cluster: a pool of child processes each, and tasks: jobs, and parts of others."""
+"""Code that runs on the workers of a Dask cluster: a pool of child processes each, for jobs and for parts of jobs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _lock = threading.Lock()
 
 
 class Children(WorkerPlugin):
-    """Gives every Dask worker its pool of warm child processes, and its connection to the ledger."""
+    """Dask plugin that gives every worker a pool of warm child processes and a connection to the queue."""
 
     name = PLUGIN
 
@@ -36,7 +36,7 @@ class Children(WorkerPlugin):
         self.version = __version__
 
     def setup(self, worker: Worker) -> None:
-        """Start the children, when the worker starts."""
+        """Start the child processes when the worker starts."""
         if self.version != __version__:
             raise RuntimeError(f"this worker has dynident {__version__}, the service {self.version}; install the same")
         self.nursery = Nursery()
@@ -44,17 +44,17 @@ class Children(WorkerPlugin):
         self.ledger = Ledger(Database(self.place.database_url), self.place.max_attempts)
 
     def teardown(self, worker: Worker) -> None:
-        """Kill the children, when the worker ends; what they did is given back."""
+        """Kill the child processes when the worker ends; their jobs are given back."""
         self.pool.close()
         self.nursery.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Cross to the worker without what belongs to one worker."""
+        """Leave out the attributes that belong to one worker, so that the plugin can be sent to others."""
         return {name: value for name, value in self.__dict__.items() if name not in ("nursery", "pool", "ledger")}
 
 
 def run_claim(claim: Claim, place: Place, version: str) -> None:
-    """Do a job; this is what Dask runs."""
+    """Do a job; Dask calls this on a worker."""
     secede()  # waiting takes no thread of the worker
     worker = get_worker()
     plugin = _children_of(worker, place, version)
@@ -66,9 +66,9 @@ def run_claim(claim: Claim, place: Place, version: str) -> None:
 
 
 def run_part(part: Part, version: str) -> bytes | None:
-    """Do a part of a job that another worker does; None where there is enough to do here already.
+    """Do a part of a job that runs on another worker; return None if this worker has enough to do.
 
-    Jobs come first: no part waits here for a slot, and none takes one from a job that comes meanwhile.
+    Jobs come first: a part neither waits for a slot nor keeps one from a job that arrives meanwhile.
     """
     secede()
     plugin = _children_of(get_worker(), part.place, version)
@@ -77,12 +77,12 @@ def run_part(part: Part, version: str) -> bytes | None:
 
 
 def _children_of(worker: Any, place: Place, version: str) -> Children:
-    """The children of a worker; one that came with a restarted scheduler may not have any yet."""
+    """Return the plugin of a worker, and set it up if a worker that joined with a restarted scheduler lacks it."""
     with _lock:
-        found = worker.plugins.get(PLUGIN)
-        if found is None:
-            found = Children(place)
-            found.version = version
-            found.setup(worker)
-            worker.plugins[PLUGIN] = found
-        return cast(Children, found)
+        plugin = worker.plugins.get(PLUGIN)
+        if plugin is None:
+            plugin = Children(place)
+            plugin.version = version
+            plugin.setup(worker)
+            worker.plugins[PLUGIN] = plugin
+        return cast(Children, plugin)

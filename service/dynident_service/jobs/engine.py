@@ -1,6 +1,6 @@
-"""The engine: takes jobs from the ledger as slots are free and gives them to those who do them.
+"""The engine: claims jobs from the queue while slots are free, and hands them out.
 
-Those are child processes of this one, or of the workers of a Dask cluster, whose address is a setting.
+Jobs run in child processes of this process, or of the workers of a Dask cluster whose address is a setting.
 """
 
 from __future__ import annotations
@@ -24,21 +24,34 @@ if TYPE_CHECKING:
     from dynident_service.jobs.cluster import Cluster
 
 IDLE = 0.5
-"""How often, in seconds, the ledger is looked at when nobody has said that there is work."""
+"""Seconds between looks into the queue while nobody reports new jobs."""
 FULL = 2.0
-"""The same, in seconds, while all slots are taken: only leases that ran out may be found, whoever says that there
-is work. A look is a transaction that writes, which those who submit jobs would wait for."""
+"""Seconds between looks while all slots are taken, when only expired leases can be found. A look may open a transaction
+that writes, for which those who submit jobs would wait.
+"""
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 15.0
-"""Seconds between tries to connect."""
+"""Seconds between attempts to connect: the first pause, and the longest."""
 STEADY = 60.0
-"""A connection that held for so many seconds was a good one: the next try comes soon."""
+"""Seconds after which a connection counts as good; if it breaks later, the first pause is short again."""
 log = logging.getLogger("dynident.engine")
 
 EngineState = Literal["starting", "ready", "without workers", "failed", "stopped"]
 
 
 class Engine:
-    """Runs in a thread of its own from `start` to `close`."""
+    """Thread that hands out jobs, from `start` to `close`.
+
+    Parameters
+    ----------
+    settings : Settings
+        Settings of the service.
+    ledger : Ledger
+        Queue of the jobs.
+    nursery : Nursery
+        Process that child processes are forked from.
+    news : callable
+        Called when a job has begun or ended here, for those who follow it.
+    """
 
     def __init__(
         self, settings: Settings, ledger: Ledger, nursery: Nursery, news: Callable[[], None] = lambda: None
@@ -62,44 +75,44 @@ class Engine:
         self._handing_out = False
         self._looked = -FULL
         self._under_way: dict[str, str] = {}
-        """Ids of the jobs that were handed out to this process and have not come back, by job and attempt."""
+        """Ids of the jobs that were handed out by this process and have not come back, by job and attempt."""
         self._thread = threading.Thread(target=self._run, name="dynident-engine", daemon=True)
         self.state: EngineState = "starting"
         self.trouble = ""
 
     def start(self) -> None:
-        """Start in the background: requests are answered, and jobs accepted, before workers are there."""
+        """Start the thread; requests are answered and jobs accepted before workers are ready."""
         self._thread.start()
 
     def nudge(self) -> None:
-        """Say that there is a new job."""
+        """Report that there is a new job."""
         self._wake.set()
 
     def drain(self) -> None:
-        """Take no job any more; those under way go on until `close`."""
+        """Claim no further jobs; those under way continue until `close`."""
         self._draining.set()
 
     @property
     def is_busy(self) -> bool:
-        """Whether jobs are under way that would be stopped by `close`."""
+        """Whether jobs are under way that `close` would stop."""
         return self._handing_out or bool(self._under_way)
 
     @property
     def condition(self) -> str:
-        """What it does, in a few words: `ready`, or why it is not."""
+        """State in a few words: `ready`, or why it is not."""
         if self._draining.is_set():
             return "draining"
         return f"failed: {self.trouble}" if self.state == "failed" else self.state
 
     def close(self, timeout: float = 20.0) -> None:
-        """Stop; jobs of this machine go back to the queue, those of a cluster run on."""
+        """Stop the thread. Jobs on this machine return to the queue, those on a cluster continue."""
         self._stop.set()
         self._wake.set()
         if self._thread.is_alive():
             self._thread.join(timeout)
 
     def _run(self) -> None:
-        # So that the first request that needs it does not wait for it.
+        # Import the science in the background, so that the first request that needs it does not wait.
         threading.Thread(target=load_science, name="dynident-warm-up", daemon=True).start()
         pause = FIRST_PAUSE
         while not self._stop.is_set():
@@ -113,6 +126,7 @@ class Engine:
                 if time.monotonic() - began > STEADY:
                     pause = FIRST_PAUSE
                 self._stop.wait(pause)
+                # Pauses double, so that a scheduler that stays away is not asked all the time.
                 pause = min(2 * pause, LONGEST_PAUSE)
         self.state = "stopped"
 
@@ -138,7 +152,7 @@ class Engine:
 
     def _distribute(self, workers: Crew | Cluster, slots: int) -> None:
         claims: list[Claim] = []
-        self._handing_out = True  # said before it is looked, so that a drain that begins here waits
+        self._handing_out = True  # set before looking, so that a drain that begins now waits
         try:
             if slots > 0 and not self._draining.is_set() and self._may_find(slots):
                 claims = self._ledger.claim(slots, self._own())
@@ -153,7 +167,7 @@ class Engine:
             self._handing_out = False
 
     def _may_find(self, slots: int) -> bool:
-        """Tell whether to look into the ledger now: a slot is free, or it was not looked for a while."""
+        """Return whether to look into the queue now: a slot is free, or the last look was some time ago."""
         moment = time.monotonic()
         if len(self._under_way) >= slots and moment - self._looked < FULL:
             return False
@@ -161,9 +175,9 @@ class Engine:
         return True
 
     def _own(self) -> list[str] | None:
-        """The jobs that take slots of this process; not known of a cluster that several services may share.
+        """Return the jobs that occupy slots of this process; None with a cluster, which several services may share.
 
-        What a service held that was killed takes none of the slots of the others, until its lease runs out.
+        Jobs of another service that was killed occupy no slots here, though their leases have not expired.
         """
         return None if self._settings.dask_scheduler else list(self._under_way.values())
 

@@ -1,6 +1,6 @@
-"""Restrict this process to some folders and take the network from it, by Linux's Landlock.
+"""Restriction of this process to some folders, without a network, by Linux's Landlock.
 
-Called by its system calls: the packages that wrap them are not kept up. See `man 7 landlock`.
+Uses system calls directly, as the packages that wrap them are not maintained. See `man 7 landlock`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import sysconfig
 from collections.abc import Iterable
 from pathlib import Path
 
-# The same on all architectures.
+# Numbers of system calls; newer calls such as these have the same number on all architectures.
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446
 ASK_VERSION = 1
 RULE_OF_PATH = 1
@@ -26,11 +26,11 @@ EXECUTE, WRITE_FILE, READ_FILE, READ_FOLDER, TRUNCATE = 1 << 0, 1 << 1, 1 << 2, 
 OF_FILES = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE
 READ = EXECUTE | READ_FILE | READ_FOLDER
 ALL_RIGHTS = {1: (1 << 13) - 1, 2: (1 << 14) - 1, 3: (1 << 15) - 1, 5: (1 << 16) - 1}
-"""Rights on files that a version of Landlock, or a later one, knows."""
+"""All rights on files, by the first version of Landlock that knows them."""
 CONNECT_AND_LISTEN = 0b11
-"""TCP, from version 4 on."""
+"""Restriction of TCP, from version 4 on."""
 SIGNALS_AND_SOCKETS = 0b11
-"""Signals to other processes and abstract sockets, from version 6 on."""
+"""Restriction of signals to other processes and of abstract sockets, from version 6 on."""
 PROGRAM_FILES = (
     "/usr",
     "/lib",
@@ -45,23 +45,24 @@ PROGRAM_FILES = (
     "/proc/meminfo",
     "/sys/devices/system/cpu",
 )
-"""What libraries read while they are loaded or used."""
+"""Files and folders that libraries read while they are loaded or used."""
 
 
 def restrict_files_and_network(readable: Iterable[Path], writable: Iterable[Path], private: Path) -> bool:
-    """Leave this thread, and those that it starts, its program, some folders and no network.
+    """Restrict this thread, and those that it starts later, to some folders and cut it off from the network.
 
     Parameters
     ----------
-    readable, writable : folders
-        Beside those of Python and its packages. What is writable may be read.
-    private : folder
-        No folder above it is allowed for being in Python's path: a service's data is often in its working directory.
+    readable, writable : iterable of Path
+        Folders besides those of Python and its packages; writable ones may be read too.
+    private : Path
+        No folder that contains it is allowed because Python's path has it: the data of a service often lies in its
+        working directory.
 
     Returns
     -------
     bool
-        Whether the kernel restricts it; it does from Linux 5.13 on, where Landlock is not switched off.
+        Whether the kernel restricts it. Linux does from 5.13 on, unless Landlock is switched off.
     """
     if not sys.platform.startswith("linux"):
         return False
@@ -74,6 +75,7 @@ def restrict_files_and_network(readable: Iterable[Path], writable: Iterable[Path
     attributes = struct.pack(
         "=QQQ", rights, CONNECT_AND_LISTEN if version >= 4 else 0, SIGNALS_AND_SOCKETS if version >= 6 else 0
     )
+    # Older versions know fewer fields of this structure.
     length = 8 if version < 4 else 16 if version < 6 else 24
     ruleset = _checked(system.syscall(CREATE_RULESET, attributes, ctypes.c_size_t(length), 0))
     try:
@@ -82,10 +84,11 @@ def restrict_files_and_network(readable: Iterable[Path], writable: Iterable[Path
             _allow(system, ruleset, path, READ & rights)
         for path in write:
             _allow(system, ruleset, path, rights)
-        # Of itself: the limits of threads are set by what is loaded. The folder stays open, since a rule holds for it
-        # only as long as the system remembers it.
+        # Libraries read /proc/self to limit their threads. The folder stays open, because a rule for it holds only
+        # while the kernel keeps it in memory.
         own = os.open("/proc/self/", os.O_PATH | os.O_CLOEXEC)
         _add_rule(system, ruleset, own, READ & rights)
+        # Landlock is allowed without privileges only if programs cannot gain any by set-user-id.
         _checked(system.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0))
         _checked(system.syscall(RESTRICT_SELF, ruleset, 0))
     finally:
@@ -94,25 +97,25 @@ def restrict_files_and_network(readable: Iterable[Path], writable: Iterable[Path
 
 
 def program_folders(private: Path) -> list[Path]:
-    """Give what Python, its packages and machine code are read from; nothing in its path that holds `private`."""
-    # Here, since the process that answers requests does without it.
+    """Return the folders of Python, its packages and compiled code; none of Python's path that contains `private`."""
+    # Imported here, since the process that answers requests does not need it.
     from dynident.expressions.kept_code import code_folder
 
     searched = [Path(name) for name in sys.path if name]
-    beside = [path for path in searched if not private.resolve().is_relative_to(path.resolve())]
+    import_folders = [path for path in searched if not private.resolve().is_relative_to(path.resolve())]
     installed = (*PROGRAM_FILES, sys.prefix, sys.base_prefix, sys.exec_prefix, *sysconfig.get_paths().values())
     code = code_folder()
-    return [*(Path(name) for name in dict.fromkeys(installed)), *beside, *([code] if code else [])]
+    return [*(Path(name) for name in dict.fromkeys(installed)), *import_folders, *([code] if code else [])]
 
 
 def _leave_network(system: ctypes.CDLL) -> None:
-    """Have a network of its own without any interface, where this process may: Landlock knows TCP alone."""
+    """Move to an empty network namespace if the kernel allows it: Landlock restricts TCP only."""
     if system.unshare(NEW_NETWORK) != 0 and ctypes.get_errno() not in (errno.EPERM, errno.EINVAL, errno.ENOSYS):
         _checked(-1)
 
 
 def _allow(system: ctypes.CDLL, ruleset: int, path: Path, rights: int) -> None:
-    """Allow rights on all that is below a path; nothing where there is no such path."""
+    """Allow rights on everything below a path; do nothing if the path does not exist."""
     try:
         opened = os.open(path, os.O_PATH | os.O_CLOEXEC)
     except OSError:
@@ -130,7 +133,7 @@ def _add_rule(system: ctypes.CDLL, ruleset: int, opened: int, rights: int) -> No
 
 
 def _checked(result: int) -> int:
-    """Raise the OSError of a system call that failed."""
+    """Raise OSError if a system call failed."""
     if result < 0:
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number))

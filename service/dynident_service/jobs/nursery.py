@@ -1,7 +1,7 @@
-"""The process that child processes are forked from: it has loaded the science once, so a new child is there at once.
+"""The process that child processes are forked from: it has imported the science once, so a new child starts at once.
 
-It is single-threaded (but for Arrow's own thread, which Arrow looks after when forking) and does nothing else: it
-forks when it is asked to, and says how a child ended.
+It is single-threaded (except for Arrow's own thread, which Arrow handles at a fork) and does nothing else: it forks on
+request and reports how a child ended.
 """
 
 from __future__ import annotations
@@ -26,27 +26,30 @@ from dynident_service.logs import configure
 from dynident_service.settings import LogSettings
 
 PRELOADED = ("dynident_service.work", "dynident_service.work.awaited")
+"""Modules that are imported before the first fork."""
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""Environment that keeps linear algebra to one thread, as a process that forks must not have others."""
 BOUNDED_ARROW = {"ARROW_DEFAULT_MEMORY_POOL": "system"}
-"""Arrow's own allocator reserves 1 GB of addresses at once, which the limits of children would count."""
+"""Environment for Arrow, whose own allocator reserves 1 GB of addresses at once; limits of children would count it."""
 MESSAGE = struct.Struct("!iiq")
+"""Message in both directions: kind, process id or exit code, and peak memory."""
 FORK, REAP, LOOK = 1, 2, 3
 RUNNING = 1 << 20
-"""Stands for an exit code while there is none."""
+"""Exit code that stands for a process that still runs."""
 
 
 class Exit(NamedTuple):
-    """How a process ended: its exit code, negative for a signal, and the most memory in bytes that it had."""
+    """End of a process: its exit code, negative for a signal, and its peak memory in bytes."""
 
     code: int
     peak_memory: int
 
 
 class Nursery:
-    """Starts the process, and asks it for children."""
+    """Client of the process that forks children; starts it when it is needed."""
 
     PROGRAM: ClassVar[Sequence[str]] = ("-m", "dynident_service.jobs.nursery")
-    """What Python is told to run: `main`, whatever was done before it."""
+    """Arguments of Python that run `main`; tests put code before it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -54,7 +57,15 @@ class Nursery:
         self._control: socket.socket | None = None
 
     def fork(self, jobs: int, lifeline: int) -> None:
-        """Ask for a child that works on the pipe `jobs`; it appears once the science is loaded."""
+        """Fork a child that serves the pipe `jobs`; it appears once the science is imported.
+
+        Parameters
+        ----------
+        jobs : int
+            File descriptor of the pipe with jobs and calls.
+        lifeline : int
+            File descriptor of the pipe whose closing ends the child.
+        """
         with self._lock:
             try:
                 self._send_fork(jobs, lifeline)
@@ -63,9 +74,10 @@ class Nursery:
                 self._send_fork(jobs, lifeline)
 
     def exit_of(self, pid: int, *, reap: bool) -> Exit | None:
-        """Tell how a child ended; `None` if it runs, or its nursery has died.
+        """Return how a child ended; None while it runs, or if the nursery itself has died.
 
-        With `reap` it is waited for, and its number may be given to another process; its memory is known then alone.
+        With `reap` the child is waited for, after which its process id may be used again; only then its peak memory is
+        known.
         """
         with self._lock:
             if self._control is None:
@@ -110,7 +122,7 @@ class Nursery:
 
 
 def main() -> None:
-    """Load the science, then serve until the other end is closed."""
+    """Import the science, then fork children on request until the other end of the socket is closed."""
     take_secrets()
     control = socket.socket(fileno=int(sys.argv[1]))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -120,7 +132,7 @@ def main() -> None:
     warnings.filterwarnings("ignore", message=".*fork.*", category=DeprecationWarning)
     for module in PRELOADED:
         importlib.import_module(module)
-    gc.freeze()  # the collector of a child leaves shared memory alone
+    gc.freeze()  # garbage collection in a child would copy shared memory
     while True:
         try:
             received, fds = _receive(control)
@@ -131,6 +143,7 @@ def main() -> None:
             control.sendall(MESSAGE.pack(kind, *_exit_of(pid, reap=kind == REAP)))
         elif os.fork() == 0:
             control.close()
+            # A session and process group of its own, so that the child can be killed with all processes that it starts.
             os.setsid()
             child.work(*fds)
             os._exit(0)
@@ -156,7 +169,7 @@ def _exactly(control: socket.socket, size: int = MESSAGE.size) -> bytes:
 
 
 def _exit_of(pid: int, *, reap: bool) -> Exit:
-    """How a child ended, or RUNNING; without `reap` its number is kept."""
+    """Return how a child ended, or RUNNING; without `reap` its process id stays reserved."""
     with contextlib.suppress(ChildProcessError):
         if reap:
             _, status, usage = os.wait4(pid, 0)
@@ -168,7 +181,7 @@ def _exit_of(pid: int, *, reap: bool) -> Exit:
 
 
 if __name__ == "__main__":
-    # Under its own name, so that what is unpickled is of the same classes.
+    # Import the module under its own name: as `__main__` its classes would differ from those that are unpickled.
     from dynident_service.jobs import nursery
 
     nursery.main()

@@ -1,4 +1,4 @@
-"""What goes to another worker, as bytes: a file of the object store as its key, since all read the same store."""
+"""Pickling of values for another worker; files of the object store are sent as their keys, as all share it."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from dynident_service.storage.objects import ObjectStore
 
 
 def packed(value: object, objects: ObjectStore) -> bytes:
-    """Pack a value; raises whatever it meets in one that cannot leave its process."""
+    """Pickle a value; raise whatever exception a value causes that cannot leave its process."""
     content = io.BytesIO()
     _Packer(content, objects).dump(value)
     return content.getvalue()
 
 
 def unpacked(content: bytes, objects: ObjectStore) -> object:
-    """Unpack a value; files of the object store are at hand then. Raises what `ObjectStore.path` does."""
-    found: object = _Unpacker(io.BytesIO(content), objects).load()
-    return found
+    """Unpickle a value and fetch its files from the object store; raise what `ObjectStore.path` raises."""
+    value: object = _Unpacker(io.BytesIO(content), objects).load()
+    return value
 
 
 class _Packer(pickle.Pickler):
@@ -28,7 +28,7 @@ class _Packer(pickle.Pickler):
         self._objects = objects
 
     def persistent_id(self, value: object) -> str | None:
-        """The key of a file of the store, for what names one."""
+        """Return the key if a value is the path of a file in the object store."""
         return self._objects.key_of(value) if isinstance(value, Path) else None
 
 
@@ -38,5 +38,5 @@ class _Unpacker(pickle.Unpickler):
         self._objects = objects
 
     def persistent_load(self, key: object) -> Path:
-        """Where the file of a key is here."""
+        """Return the local path of the file with a key."""
         return self._objects.path(str(key))

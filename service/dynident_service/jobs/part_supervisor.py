@@ -1,4 +1,4 @@
-"""Who looks after a part of a job that another worker does: gives it to a child, kills that when the job ends."""
+"""Supervision of a part of a job that another worker does: a child computes it and is killed when the job ends."""
 
 from __future__ import annotations
 
@@ -12,16 +12,31 @@ from dynident_service.storage.patience import AWAY, reason_of
 from dynident_service.storage.turns import Claim
 
 LOOK = 1.0
-"""How often, in seconds, it is looked whether the job still goes on."""
+"""Seconds between looks whether the job still runs."""
 log = logging.getLogger("dynident.supervisor")
 
 
 def look_after(part: Part, pool: ChildPool, ledger: Ledger) -> bytes:
-    """Have a child do a part while its job goes on; gives the result, pickled.
+    """Have a child do a part while its job runs.
+
+    Parameters
+    ----------
+    part : Part
+        What to compute.
+    pool : ChildPool
+        Child processes of this worker.
+    ledger : Ledger
+        Queue, which knows whether the job still runs.
+
+    Returns
+    -------
+    bytes
+        The pickled result.
 
     Raises
     ------
     PartFailed
+        If the child died, the computation failed, or the job has ended.
     """
     child = pool.take()
     try:
@@ -42,19 +57,20 @@ def look_after(part: Part, pool: ChildPool, ledger: Ledger) -> bytes:
 
 
 def _call(part: Part) -> Call:
-    asked = {
+    arguments = {
         "job_id": part.claim.job_id,
         "url": part.place.object_store_url,
         "cache_dir": part.place.cache_dir,
         "work": part.work,
         "item": part.item,
     }
-    return Call("dynident_service.jobs.parts:do", asked, part.claim.request_id, part.claim.trace, of_a_job=True)
+    return Call("dynident_service.jobs.parts:do", arguments, part.claim.request_id, part.claim.trace, of_a_job=True)
 
 
 def _goes_on(claim: Claim, ledger: Ledger) -> bool:
     try:
         return ledger.standing(claim) == "held"
+    # While the database is away, nobody can have cancelled the job.
     except AWAY as error:
         log.warning("job %s: %s", claim.job_id, reason_of(error))
         return True

@@ -1,4 +1,4 @@
-"""Parts of a job that another worker of a cluster does: what is sent, and what a child process does there."""
+"""Parts of a job that another worker of a cluster does: the message, and its execution in a child process."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ log = logging.getLogger("dynident.job")
 
 
 class PartFailed(Exception):
-    """A part was not done: its process died, it went wrong there, or nobody waits for it any more."""
+    """A part was not done: its process died, its computation failed, or nobody waits for it any more."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """One part of a job: what is to be done, and to what, as `packing` packs it."""
+    """Part of a job: a function and its argument, pickled by `packing`."""
 
     claim: Claim
     place: Place
@@ -35,7 +35,7 @@ class Part:
 
 
 def do(job_id: str, url: str, cache_dir: Path, work: bytes, item: bytes) -> bytes:
-    """Do a part; what is to be done is kept for the next, as the machine code in it is."""
+    """Compute a part; the function is cached for the next part, with the machine code that it contains."""
     began = time.monotonic()
     function, objects = _work(work, url, cache_dir), _store(url, cache_dir)
     result = pickle.dumps(function(unpacked(item, objects), silent), pickle.HIGHEST_PROTOCOL)

@@ -1,4 +1,4 @@
-"""Child processes kept warm: started ahead, used for one job at a time, killed as a group, replaced."""
+"""Pool of warm child processes: started ahead, used for one job at a time, killed as a group, replaced."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from dynident_service.jobs.confinement import Confinement
 from dynident_service.jobs.nursery import Exit, Nursery
 
 MEMORY_LIMIT = 2_000_000_000
-"""A child that once needed more is replaced after its job: freed memory seldom goes back to the system."""
+"""Bytes of peak memory after which a child is replaced: freed memory seldom returns to the system."""
 
 
 class Child:
-    """One child process and the pipe to it."""
+    """Child process and the pipe to it."""
 
     def __init__(self, nursery: Nursery, confinement: Confinement) -> None:
         self._nursery = nursery
@@ -34,6 +34,7 @@ class Child:
         self.heartbeats = 0
         self._scratch = _make_scratch(confinement.scratch)
         ours, theirs = socket.socketpair()
+        # The child holds the other end of this pipe: when this process ends, however that happens, the child is killed.
         lifeline, self._lifeline = os.pipe()
         try:
             nursery.fork(theirs.fileno(), lifeline)
@@ -45,7 +46,7 @@ class Child:
             self._send(replace(confinement, scratch=self._scratch))
 
     def send(self, order: Order | Call) -> None:
-        """Give it something to do; it begins when it has started up. EOFError if the process died."""
+        """Send a job or call, which begins when the child has started; raise EOFError if the process died."""
         self._send(order)
 
     def _send(self, message: Confinement | Order | Call) -> None:
@@ -55,7 +56,8 @@ class Child:
             raise EOFError from error
 
     def receive(self, timeout: float) -> Receipt | Answer | None:
-        """Wait for the end of it; `None` after the timeout, EOFError if the process died."""
+        """Wait for the end of a job or call; return None after `timeout` seconds, raise EOFError if the child died."""
+        # Heartbeats arrive in between; they do not extend the time.
         until = time.monotonic() + timeout
         while True:
             try:
@@ -71,7 +73,7 @@ class Child:
                 self.pid = received.pid
 
     def is_alive(self) -> bool:
-        """Tell whether an idle child is still there."""
+        """Return whether an idle child still runs."""
         try:
             self.receive(0.0)
         except EOFError:
@@ -79,21 +81,21 @@ class Child:
         return True
 
     def strike(self) -> None:
-        """Kill its process group, if it has begun."""
+        """Kill the process group, if it has begun."""
         if self.pid is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGKILL)
 
     def kill(self) -> Exit | None:
-        """Kill its process group; tells how it ended if it had ended by itself before."""
+        """Kill the process group, and return how the process ended if it had ended by itself before."""
         with contextlib.suppress(EOFError):
-            self.receive(0.0)  # it may have said its number meanwhile
+            self.receive(0.0)  # its Hello, with the process id, may have arrived
         ended = None
         if self.pid is not None:
             had_ended = self._nursery.exit_of(self.pid, reap=False) is not None
             self.strike()
             end = self._nursery.exit_of(self.pid, reap=True)
-            # One that was on its way out already, which its pipe told first, has an exit code of its own.
+            # A process that was just ending closes its pipe first; it then has an exit code other than our signal.
             if end is not None and (had_ended or end.code != -signal.SIGKILL):
                 ended = end
         self._connection.close()
@@ -104,7 +106,7 @@ class Child:
 
 
 def _make_scratch(folder: Path | None) -> Path | None:
-    """Make a folder for the temporary files of one child."""
+    """Create a folder for the temporary files of one child."""
     if folder is None:
         return None
     folder.mkdir(parents=True, exist_ok=True)
@@ -112,7 +114,19 @@ def _make_scratch(folder: Path | None) -> Path | None:
 
 
 class ChildPool:
-    """Idle children of a nursery, which outlives them; the last to work is taken first, as it remembers most."""
+    """Pool of idle children.
+
+    The nursery outlives the pool. The child that worked last is taken first, as its caches are the most useful.
+
+    Parameters
+    ----------
+    size : int
+        Number of children.
+    nursery : Nursery
+        Process that forks them.
+    confinement : Confinement, optional
+        Limits of each child.
+    """
 
     def __init__(self, size: int, nursery: Nursery, confinement: Confinement | None = None) -> None:
         self._size = size
@@ -127,7 +141,7 @@ class ChildPool:
             self._idle.append(Child(self._nursery, self.confinement))
 
     def take(self) -> Child:
-        """Give an idle child, or start one."""
+        """Return an idle child, or start one."""
         with self._lock:
             child = None
             while self._idle and child is None:
@@ -141,6 +155,7 @@ class ChildPool:
 
     def put_back(self, child: Child, receipt: Receipt | Answer) -> None:
         """Take back a child whose job has ended."""
+        # The allocator keeps freed memory, so a child that once needed much would hold it for good.
         if receipt.peak_memory > MEMORY_LIMIT or len(self._idle) >= self._size:
             self.replace(child)
             return
@@ -152,7 +167,7 @@ class ChildPool:
         child.kill()
 
     def replace(self, child: Child) -> Exit | None:
-        """Kill a child, and start another in its stead; tells how it ended if it had died by itself."""
+        """Kill a child and start another one; return how it ended if it had died by itself."""
         with self._lock:
             self._busy.discard(child)
         ended = child.kill()
@@ -163,7 +178,7 @@ class ChildPool:
 
     @contextlib.contextmanager
     def in_use(self) -> Iterator[None]:
-        """Mark that somebody supervises a child, so that `close` waits for what is still to be written down."""
+        """Mark that a child is supervised, so that `close` waits until its end is written into the queue."""
         with self._lock:
             self._users += 1
         try:
@@ -175,7 +190,7 @@ class ChildPool:
 
     @contextlib.contextmanager
     def in_use_if_spare(self) -> Iterator[bool]:
-        """The same if not all are needed already; tells whether it is so."""
+        """Do the same only if a child is free, and yield whether it is so."""
         with self._lock:
             spare = self._users < self._size and not self.closed
             self._users += spare
@@ -187,7 +202,7 @@ class ChildPool:
                 self._lock.notify_all()
 
     def close(self, patience: float = 5.0) -> None:
-        """Kill all children, and wait until those who supervised one have written down that it is gone."""
+        """Kill all children, and wait up to `patience` seconds until their supervisors have recorded it."""
         with self._lock:
             self.closed = True
             idle, self._idle = list(self._idle), deque()

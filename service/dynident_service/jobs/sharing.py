@@ -1,7 +1,7 @@
-"""Large computations of a job on a cluster, of which other workers do parts while its own child does the others.
+"""Sharing of large computations on a cluster: other workers compute parts of a job, and its own child does the rest.
 
-The child is a client of the scheduler for that. Whatever fails on the way, a worker, the scheduler or the network, only
-costs that the child does those parts as well; and a worker takes parts only while it has nothing else to do, so jobs
+The child process is a client of the scheduler for this. Whatever fails on the way, be it a worker, the scheduler or the
+network, the child computes those parts itself. A worker accepts parts only while it has nothing else to do, so jobs
 never wait for each other.
 """
 
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
     from distributed import Client
 
 WORTH = 4_000_000
-"""Samples from which on others are asked, some seconds of work: the first part of a job waits half a one for Dask."""
+"""Number of samples, some seconds of work, from which sharing is worthwhile: the first part waits 0.5 s for Dask."""
 MOST = 10_000_000
-"""Bytes of a part, beside the files that it names: more is not worth sending."""
+"""Upper limit in bytes for a part, apart from its files; larger ones are not worth sending."""
 PATIENCE = 10.0
-"""Seconds for a scheduler to answer."""
+"""Seconds to wait for an answer of the scheduler."""
 LOOK, CHECK = 0.1, 2.0
-"""How often, in seconds, it is looked whether a part is still waited for, and whether its worker is still there."""
+"""Seconds between looks whether a part is still wanted, and whether its worker is still there."""
 log = logging.getLogger("dynident.job")
 
 _Item = TypeVar("_Item")
@@ -45,7 +45,7 @@ _Result = TypeVar("_Result")
 
 @contextmanager
 def sharing(claim: Claim, place: Place, objects: ObjectStore) -> Iterator[None]:
-    """Let the other workers of the cluster, if the job is on one, do parts of what is computed meanwhile."""
+    """Let other workers of the cluster compute parts of what runs in this context, if the job is on a cluster."""
     if place.colleagues is None:
         yield
         return
@@ -58,7 +58,7 @@ def sharing(claim: Claim, place: Place, objects: ObjectStore) -> Iterator[None]:
 
 
 class OtherWorkers:
-    """Those of a cluster beside the one that a job is on; connected to when they are first needed."""
+    """The other workers of the cluster; the connection is made when they are first needed."""
 
     def __init__(self, claim: Claim, place: Place, colleagues: Colleagues, objects: ObjectStore) -> None:
         self._claim = claim
@@ -72,7 +72,15 @@ class OtherWorkers:
     def places(
         self, work: Callable[[_Item, Progress], _Result], size: float
     ) -> Sequence[Callable[[_Item, Progress], _Result]]:
-        """One for each thread of each other worker; see `dynident.elsewhere.Elsewhere`."""
+        """Return one callable for each thread of each other worker; see `dynident.elsewhere.Elsewhere`.
+
+        Parameters
+        ----------
+        work : callable
+            Function of an item and of progress.
+        size : float
+            Number of samples of the whole computation.
+        """
         if size < WORTH or self._given_up:
             return ()
         try:
@@ -97,7 +105,7 @@ class OtherWorkers:
         ]
 
     def close(self) -> None:
-        """Say who did what, and leave the cluster."""
+        """Log which worker did how many parts, and leave the cluster."""
         for address, count in self._done.items():
             log.info("%d parts were done by the worker at %s", count, address)
         self._disconnect()
@@ -118,9 +126,9 @@ class OtherWorkers:
             with suppress(Exception):  # whatever became of the scheduler, what was computed counts
                 client.close(timeout=PATIENCE)
 
-    def _have_done(self, client: Client, address: str, work: bytes, item: object, told: Progress) -> Any:
+    def _have_done(self, client: Client, address: str, work: bytes, item: object, progress: Progress) -> Any:
         try:
-            result = self._sent(client, address, work, packed(item, self._objects), told)
+            result = self._sent(client, address, work, packed(item, self._objects), progress)
         except (Cancelled, Busy):
             raise
         except Exception as error:  # whatever happens to a worker, a scheduler or a network
@@ -129,7 +137,7 @@ class OtherWorkers:
         self._done[address] += 1
         return pickle.loads(result)
 
-    def _sent(self, client: Client, address: str, work: bytes, item: bytes, told: Progress) -> bytes:
+    def _sent(self, client: Client, address: str, work: bytes, item: bytes, progress: Progress) -> bytes:
         from dynident_service.jobs.dask_worker import run_part
 
         if len(item) > MOST or client.status != "running":
@@ -139,7 +147,8 @@ class OtherWorkers:
         try:
             checked = time.monotonic()
             while future.status == "pending":
-                told(0.0, "")
+                # The report says nothing new; it raises if nobody waits for the part any more.
+                progress(0.0, "")
                 time.sleep(LOOK)
                 if time.monotonic() - checked >= CHECK:
                     checked = time.monotonic()
@@ -154,6 +163,6 @@ class OtherWorkers:
 
 
 def _threads(client: Client, workers: Sequence[str] | None = None) -> Mapping[str, int]:
-    """How many threads workers have that are there, all or some, by their addresses."""
-    found = client.nthreads(workers, callback_timeout=PATIENCE)
-    return {str(address): int(threads) for address, threads in found.items() if threads}
+    """Return the number of threads of the workers that are there, by address."""
+    threads_by_address = client.nthreads(workers, callback_timeout=PATIENCE)
+    return {str(address): int(threads) for address, threads in threads_by_address.items() if threads}

@@ -1,4 +1,4 @@
-"""Has what is stored read by a child process: a file that kills or blocks its reader is told like any other."""
+"""Reading of stored files in a child process: a file that kills or blocks its reader is reported like any other."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import Resource
 
 LONGEST = 120.0
-"""Seconds to read one resource: as long as a request may take that reads it, the start of the process included."""
+"""Seconds to read one resource, including the start of the process; as long as a request that reads it may take."""
 FUNCTION = "dynident_service.work.stored_files:read_stored"
 
 
 class StoredFilesReader:
-    """Reads one resource after the other, in a child that is replaced where it does not come back."""
+    """Reads resources one after the other in a child process, which is replaced if it dies or hangs."""
 
     def __init__(self, objects: ObjectStore) -> None:
         self._objects = objects
@@ -35,9 +35,9 @@ class StoredFilesReader:
         self._nursery.close()
 
     def problem_of(self, resource: Resource) -> str | None:
-        """Tell what of a resource cannot be read, and why; None where all of it can.
+        """Return what cannot be read of a resource, and why; None if everything can.
 
-        Files that are missing or damaged are left out: whoever looks at all objects tells of those.
+        Missing or damaged files are left out, as the check of all objects reports them.
         """
         if resource.job is not None and resource.job.state != "succeeded":
             return None

@@ -1,4 +1,4 @@
-"""Who looks after a job: gives it to a child process, keeps the lease, kills the child when it is to stop."""
+"""Supervision of a job: a child process does it while a thread renews its lease, and kills the child to stop it."""
 
 from __future__ import annotations
 
@@ -17,31 +17,47 @@ from dynident_service.storage.patience import AWAY, patiently, reason_of
 from dynident_service.storage.turns import Claim
 
 LOOK = 0.25
-"""How often, in seconds, the supervisor looks whether the job is to be cancelled."""
+"""Seconds between looks whether the job is to be cancelled."""
 RENEW = 5.0
+"""Seconds between renewals of the lease."""
 VITALS = 1.0
-"""How often, in seconds, it looks whether the child is alive."""
+"""Seconds between looks whether the child is alive."""
 STILL_FOR = 30.0
-"""A child whose heart does not beat and that uses no processor time for so many seconds is killed."""
+"""Seconds without heartbeat and without processor time after which a child is killed."""
 START_UP = 300.0
-"""Seconds that a child may take to begin: the science is loaded, perhaps beside much other work."""
+"""Seconds that a child may take to begin: the science is imported, perhaps on a busy machine."""
 PATIENCE = 15 * 60.0
-"""How long, in seconds, a database that is away is waited for before a job is left to its lease."""
+"""Seconds to wait for a database that is away, before a job is left to its lease."""
 MUCH_MEMORY = 0.5
-"""Share of the memory that a job may take. A process that was killed while it had more died most probably of that: the
-system, or a library that could not get more, ended it, and would do so again."""
+"""Share of a job's memory limit. A process that was killed with more was most probably killed for it, by the system or
+by a library that could not allocate more, and would be again.
+"""
 LAST_PATIENCE = 3.0
-"""The same while the service ends."""
+"""Seconds to wait for the database while the service ends."""
 AWAY_PAUSE = 1.0
+"""Seconds between attempts to reach a database that is away."""
 FIRST_REST, LONGEST_REST = 0.1, 15.0
-"""Seconds before a job that met no database or no object store is begun again: twice as long each time. A store that
-refuses for some minutes (its keys have expired, say) takes no job down."""
+"""Seconds before a job that met no database or no object store begins again, doubled each time up to the second value.
+A store that refuses for minutes, for example because its credentials expired, then does not exhaust a job.
+"""
 REST_LOOK = 0.2
 log = logging.getLogger("dynident.supervisor")
 
 
 def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> None:
-    """Have a child do the job; return when it has ended, was cancelled, or was lost to another worker."""
+    """Have a child do a job; return when it has ended, was cancelled, or was lost to another worker.
+
+    Parameters
+    ----------
+    claim : Claim
+        The job.
+    place : Place
+        Where its data is.
+    pool : ChildPool
+        Child processes.
+    ledger : Ledger
+        Queue of the jobs.
+    """
     if pool.closed:
         patiently(lambda: ledger.release(claim), LAST_PATIENCE)
         return
@@ -53,6 +69,7 @@ def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> No
         end = pool.replace(child)
         if pool.closed:
             patiently(lambda: ledger.release(claim), LAST_PATIENCE)
+        # A job that exhausts the memory fails at once: repeated attempts would only kill the process again.
         elif end is not None and end.code < 0 and end.peak_memory > MUCH_MEMORY * place.memory:
             patiently(lambda: ledger.fail(claim, out_of_memory(place.memory)), PATIENCE)
         else:
@@ -72,7 +89,7 @@ def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> No
 
 
 def _rest(claim: Claim, pool: ChildPool, ledger: Ledger) -> None:
-    """Wait before a job is begun again, as long as it is wanted; its lease lasts longer than that."""
+    """Wait before a job begins again, while it is still wanted; shorter than its lease."""
     until = time.monotonic() + min(LONGEST_REST, FIRST_REST * 2.0 ** min(claim.attempt, 10))
     while time.monotonic() < until and not pool.closed:
         try:
@@ -85,7 +102,7 @@ def _rest(claim: Claim, pool: ChildPool, ledger: Ledger) -> None:
 
 
 def _watch(claim: Claim, child: Child, ledger: Ledger, deadline: float) -> Receipt | End:
-    """Wait for the end of a job; gives the child's receipt, or what to write down once the child is killed."""
+    """Wait for the end of a job; return the child's receipt, or what to record once the child is killed."""
     began = renewed = looked = time.monotonic()
     vitals = Vitals(STILL_FOR)
     while (receipt := child.receive(LOOK)) is None:
@@ -112,7 +129,7 @@ def _watch(claim: Claim, child: Child, ledger: Ledger, deadline: float) -> Recei
 
 
 def _trouble(claim: Claim, child: Child, vitals: Vitals, took: float, deadline: float) -> End | None:
-    """What to write down of a job that takes too long, or whose process does not move."""
+    """Return what to record of a job that takes too long or whose process does not move; None if all is well."""
     if took > deadline:
         detail = f"The computation took longer than {deadline:.0f} s (DYNIDENT_JOB_DEADLINE_SECONDS) and was stopped."
         problem = make_problem(500, detail, title="Deadline passed")

@@ -1,4 +1,4 @@
-"""Whether a process that works on a job is alive: by its heartbeat, or by the processor time that it uses."""
+"""Detection of hanging processes, by their heartbeat or by the processor time that they use."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ from typing import Literal
 
 TICKS = os.sysconf("SC_CLK_TCK")
 LEAST = 0.005
-"""The share of a processor that a computation gets at least, even beside much other work; a thread that only waits for
-the interpreter uses a tenth of it."""
+"""Smallest share of a processor that a computation gets, even on a busy machine; a thread that only waits for the
+interpreter uses a tenth of it.
+"""
 PROCESSES = Path("/proc")
+"""Linux's folder with the state of all processes."""
 Condition = Literal["alive", "stopped", "still"]
 
 
 class Vitals:
-    """Watches one process group.
+    """Watch over one process group.
 
-    A thread inside the computation sends a heartbeat, but a solver may hold the interpreter for minutes: then the
-    processor time of the group tells. Where neither moves, the process is stopped from outside or stands still.
+    A thread inside the computation sends heartbeats, but a solver may hold the interpreter for minutes; then the
+    processor time of the group decides. If neither advances, the process was stopped from outside or hangs.
     """
 
     def __init__(self, patience: float) -> None:
@@ -29,12 +31,13 @@ class Vitals:
         self._used = 0
 
     def look(self, pid: int, heartbeats: int) -> Condition:
-        """Look at the group that a process leads."""
+        """Return the condition of the group that a process leads."""
         elapsed = time.monotonic() - self._since
         if heartbeats == self._heartbeats and elapsed < self._patience:
             return "alive"
         used, state = group_of(pid)
-        # Who waits for a disk does what it can; where there is no /proc, nothing is known.
+        # A process that waits for a disk (state D) is no hanging one. Without /proc the state is unknown, and the
+        # process gets the benefit of the doubt.
         computes = used - self._used >= max(2.0, LEAST * elapsed * TICKS) or state in ("D", "")
         if heartbeats != self._heartbeats or computes:
             self._since, self._heartbeats, self._used = time.monotonic(), heartbeats, used
@@ -43,8 +46,10 @@ class Vitals:
 
 
 def processor_time(pid: int) -> float:
-    """Processor time of a process in seconds; 0 where it is not known."""
+    """Return the processor time of a process in seconds, or 0 if it is unknown."""
     try:
+        # The name of the program stands in parentheses and may hold spaces, so fields are counted from the last
+        # parenthesis.
         fields = (PROCESSES / str(pid) / "stat").read_text().rpartition(")")[2].split()
     except OSError:
         return 0.0
@@ -52,7 +57,7 @@ def processor_time(pid: int) -> float:
 
 
 def group_of(leader: int) -> tuple[int, str]:
-    """The processor time of a process group, in ticks, and the state of its leader; "" where it is not known."""
+    """Return the processor time of a process group in ticks and the state of its leader, or "" if it is unknown."""
     used, state = 0, ""
     for path in PROCESSES.glob("[0-9]*/stat"):
         try:

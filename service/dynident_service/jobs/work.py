@@ -1,4 +1,4 @@
-"""What a job's function is given, and what it gives back."""
+"""Input and output of a job's function."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from dynident_service.storage.resources import Resources
 
 T = TypeVar("T")
 KEPT = 16
+"""Number of objects that a child process caches."""
 PATIENCE = 15 * 60.0
-"""How long, in seconds, what was computed waits for a database or a store that is away, or has no room."""
+"""Seconds that a result waits for a database or an object store that is away or full."""
 
 
 @dataclass(frozen=True)
 class Colleagues:
-    """Addresses of a Dask scheduler and of the worker that a job is on; its other workers may do parts of the job."""
+    """Addresses of a Dask scheduler and of the worker that runs a job; other workers may compute parts of it."""
 
     scheduler: str
     own: str
@@ -31,7 +32,7 @@ class Colleagues:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a child process finds the database and the objects, and those who may help it."""
+    """Where a child process finds the database, the object store and other workers."""
 
     database_url: str
     object_store_url: str
@@ -40,32 +41,42 @@ class Place:
     deadline: float
     """Seconds that one attempt at a job may take."""
     memory: int
-    """Bytes that a job may take, beside what is loaded."""
+    """Bytes that a job may allocate, besides what is loaded."""
     colleagues: Colleagues | None = None
 
 
 class Memory:
-    """Keeps the objects that were last made, for the next job of this process."""
+    """Cache of the most recently used objects, for the next jobs of this process."""
 
     def __init__(self) -> None:
         self._kept: Remembered[object] = Remembered(KEPT)
 
     def recall(self, kind: type[T], identifier: str, make: Callable[[], T]) -> T:
-        """Give the object of an id, made anew if it is not remembered."""
-        found = self._kept.get(f"{kind.__qualname__} {identifier}")
-        if not isinstance(found, kind):
-            found = make()
-        self.keep(kind, identifier, found)
-        return found
+        """Return the cached object of an id, or make it.
 
-    def keep(self, kind: type[T], identifier: str, made: T) -> None:
-        """Remember an object; those not asked for longest are forgotten."""
-        self._kept.keep(f"{kind.__qualname__} {identifier}", made)
+        Parameters
+        ----------
+        kind : type
+            Class of the object.
+        identifier : str
+            Id of the resource that it belongs to.
+        make : callable
+            Makes the object if it is not cached.
+        """
+        value = self._kept.get(f"{kind.__qualname__} {identifier}")
+        if not isinstance(value, kind):
+            value = make()
+        self.keep(kind, identifier, value)
+        return value
+
+    def keep(self, kind: type[T], identifier: str, value: T) -> None:
+        """Cache an object; the least recently used ones are dropped."""
+        self._kept.keep(f"{kind.__qualname__} {identifier}", value)
 
 
 @dataclass(frozen=True)
 class Task:
-    """One job, seen from inside: what to compute, and the means to do it."""
+    """Job as its function sees it: what to compute, and the means to do so."""
 
     resource: Resource | None
     arguments: Mapping[str, Any]
@@ -77,7 +88,7 @@ class Task:
 
     @property
     def subject(self) -> Resource:
-        """The resource that the job computes."""
+        """Resource that the job computes."""
         if self.resource is None:
             raise ValueError("this job belongs to no resource")
         return self.resource
@@ -85,20 +96,21 @@ class Task:
     def keep(self, role: str, content: bytes | Path, media_type: str = "application/octet-stream") -> Owned:
         """Put bytes or a file into the object store, to be owned by the resource.
 
-        A store that is full or away is waited for: what was computed is not computed again for that.
+        A store that is full or away is waited for, so that the result need not be computed again.
         """
         return patiently(lambda: self.resources.put_as(role, content, media_type), PATIENCE)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a job found; it is stored in one transaction with the end of the job."""
+    """Result of a job; it is stored in one transaction with the end of the job."""
 
     result: Mapping[str, Any] = field(default_factory=dict)
     objects: tuple[Owned, ...] = ()
     creates: NewResource | None = None
-    """A resource of its own that the job makes (a simulation makes a measurement); its id is put into the result
-    under the name of its kind with `_id`."""
+    """Further resource that the job creates (a simulation creates a measurement); its id is put into the result under
+    the name of its kind with `_id`.
+    """
 
 
 JobFunction = Callable[[Task], Outcome]

@@ -124,8 +124,8 @@ Effects = Annotated[list[EffectChoice], Field(max_length=MOST_EFFECTS)]
 
 def plain(model: BaseModel) -> dict[str, object]:
     """Give a model as it is stored: JSON values only, nothing that is not finite."""
-    stored: dict[str, Any] = json.loads(model.model_dump_json())
-    return stored
+    document: dict[str, Any] = json.loads(model.model_dump_json())
+    return document
 
 
 Tag = Annotated[str, Field(min_length=1, max_length=60)]

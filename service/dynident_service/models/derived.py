@@ -1,4 +1,4 @@
-"""Bodies of the contract from the requests of the science: their fields, words, units, ranges and defaults."""
+"""Bodies of the contract, derived from request dataclasses of the library: fields, words, units, ranges, defaults."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SCIENCE: dict[type[BaseModel], type] = {}
 def asks(
     science: type, *but: str, only: tuple[str, ...] | None = None, or_null: tuple[str, ...] = ()
 ) -> Callable[[type[ModelT]], type[ModelT]]:
-    """A body that asks for a request of the science: with its fields beside those that the class states itself.
+    """Decorate a body: add the fields of a request of the library to those that the class states itself.
 
     Parameters
     ----------
@@ -44,48 +44,52 @@ def asks(
 
     def made(body: type[ModelT]) -> type[ModelT]:
         own = body.model_fields
-        for one in fields(science):
-            if one.name in own and own[one.name].description is None:
+        for request_field in fields(science):
+            if request_field.name in own and own[request_field.name].description is None:
                 # Of another type there; what it means is said once.
-                own[one.name].description = said_of(one).sentence or None
+                own[request_field.name].description = said_of(request_field).sentence or None
         derived = {
-            one.name: _derived(science, one, one.name in or_null)
-            for one in fields(science)
-            if one.name not in (*but, *own) and (only is None or one.name in only) and not said_of(one).local
+            request_field.name: _derived(science, request_field, request_field.name in or_null)
+            for request_field in fields(science)
+            if request_field.name not in (*but, *own)
+            and (only is None or request_field.name in only)
+            and not said_of(request_field).local
         }
-        found: type[ModelT] = create_model(  # type: ignore[call-overload]
+        model: type[ModelT] = create_model(  # type: ignore[call-overload]
             body.__name__, __base__=body, __module__=body.__module__, __doc__=body.__doc__, **derived
         )
         if only is None:
-            BODIES[science] = found
-        SCIENCE[found] = science
-        return found
+            BODIES[science] = model
+        SCIENCE[model] = science
+        return model
 
     return made
 
 
 def query_of(science: type) -> object:
-    """The parameters of a query that ask for a request of the science; others are ignored."""
-    derived: dict[str, Any] = {one.name: _derived(science, one) for one in fields(science)}
+    """Build the model of a query that asks for a request of the library; other parameters are ignored."""
+    derived: dict[str, Any] = {
+        request_field.name: _derived(science, request_field) for request_field in fields(science)
+    }
     return create_model(science.__name__, __base__=Queried, **derived)
 
 
 def body_of(science: type) -> type[BaseModel]:
-    """What a request of the science, or a part of one, is on the wire."""
+    """Return the body of a request of the library, or of a part of one."""
     if science not in BODIES:
         plain: type[BaseModel] = create_model(science.__name__, __base__=Asked, __doc__=science.__doc__)
         asks(science)(plain)
     return BODIES[science]
 
 
-def _derived(science: type, one: Field[Any], or_null: bool = False) -> tuple[Any, Any]:
-    about = said_of(one)
+def _derived(science: type, request_field: Field[Any], or_null: bool = False) -> tuple[Any, Any]:
+    about = said_of(request_field)
     if about.kinds is None:
-        hint = _on_the_wire(hint_of(science, one), about)
+        hint = _on_the_wire(hint_of(science, request_field), about)
         hint = hint | None if or_null else hint
     else:
-        hint = _one_of(about, optional=or_null or "None" in str(one.type))
-    default = None if or_null else default_of(one)
+        hint = _one_of(about, optional=or_null or "None" in str(request_field.type))
+    default = None if or_null else default_of(request_field)
     several = any(get_origin(part) is list for part in (hint, *get_args(hint)))
     if several and isinstance(default, tuple):
         default = list(default)
@@ -93,11 +97,11 @@ def _derived(science: type, one: Field[Any], or_null: bool = False) -> tuple[Any
 
 
 def choices_shown(kinds: Named) -> JsonDict:
-    """What a schema says of a field that is one of several."""
-    shown: list[JsonValue] = [
-        {"name": one.name, "label": one.label or one.name, "words": one.words} for one in kinds.choices
+    """Return the schema extension that lists the choices of a field."""
+    choices: list[JsonValue] = [
+        {"name": choice.name, "label": choice.label or choice.name, "words": choice.words} for choice in kinds.choices
     ]
-    return {"x-choices": shown}
+    return {"x-choices": choices}
 
 
 def _described(about: Said, default: Any, sized: bool) -> Any:
@@ -106,10 +110,10 @@ def _described(about: Said, default: Any, sized: bool) -> Any:
         extra["x-unit"] = about.unit
     if about.kinds is not None:
         extra |= choices_shown(about.kinds)
-    stated: dict[str, Any] = {"description": about.sentence or None, "json_schema_extra": extra or None}
+    schema: dict[str, Any] = {"description": about.sentence or None, "json_schema_extra": extra or None}
     if sized:
-        stated |= {"min_length": about.fewest, "max_length": about.most}
-    return wire_field(default=... if default is MISSING else _default(default), **stated)
+        schema |= {"min_length": about.fewest, "max_length": about.most}
+    return wire_field(default=... if default is MISSING else _default(default), **schema)
 
 
 def _default(value: Any) -> Any:
@@ -134,13 +138,13 @@ def _one_of(about: Said, optional: bool) -> Any:
 
 
 def _with_options(kind: type[Kind]) -> type[BaseModel]:
-    named: dict[str, Any] = {"name": (Literal[kind.name], ...)}
-    derived = {one.name: _derived(kind, one) for one in fields(kind)}
-    found: type[BaseModel] = create_model(  # type: ignore[call-overload]
-        kind.__name__, __base__=Asked, __doc__=kind.__doc__, **named, **derived
+    name_field: dict[str, Any] = {"name": (Literal[kind.name], ...)}
+    derived = {option_field.name: _derived(kind, option_field) for option_field in fields(kind)}
+    model: type[BaseModel] = create_model(  # type: ignore[call-overload]
+        kind.__name__, __base__=Asked, __doc__=kind.__doc__, **name_field, **derived
     )
-    BODIES[kind], SCIENCE[found] = found, kind
-    return found
+    BODIES[kind], SCIENCE[model] = model, kind
+    return model
 
 
 def _on_the_wire(hint: Any, about: Said) -> Any:
@@ -150,9 +154,9 @@ def _on_the_wire(hint: Any, about: Said) -> Any:
     if origin is tuple and parts[-1] is Ellipsis:
         return list[_on_the_wire(parts[0], about)]  # type: ignore[misc]
     if origin is tuple:
-        return tuple[tuple(_on_the_wire(one, about) for one in parts)]  # type: ignore[misc]
+        return tuple[tuple(_on_the_wire(part, about) for part in parts)]  # type: ignore[misc]
     if origin in (Union, UnionType):
-        return Union[tuple(one if one is NoneType else _on_the_wire(one, about) for one in parts)]  # noqa: UP007
+        return Union[tuple(part if part is NoneType else _on_the_wire(part, about) for part in parts)]  # noqa: UP007
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return dict[parts[0], _on_the_wire(parts[1], about)]  # type: ignore[misc,valid-type]
     if hint in (int, float):

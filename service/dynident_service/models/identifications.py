@@ -54,7 +54,7 @@ class IdentificationRequest(Wanted):
     measurement_ids: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
     validation_ids: list[Identifier] = Field(default=[], max_length=100)
     effects: list[EffectChoice] = Field(
-        default=[EffectChoice(effect=one.effect) for one in DEFAULT_EFFECTS], min_length=1, max_length=200
+        default=[EffectChoice(effect=effect.effect) for effect in DEFAULT_EFFECTS], min_length=1, max_length=200
     )
     preprocessing: Preprocessing | Literal["auto"] = "auto"
 

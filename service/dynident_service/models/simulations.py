@@ -46,7 +46,7 @@ class SimulationRequest(Wanted):
     robot_id: Identifier
     effects: list[TrueEffect] = Field(
         max_length=1000,
-        default=[TrueEffect.model_validate({"effect": one.effect}) for one in usual_effects()],
+        default=[TrueEffect.model_validate({"effect": effect.effect}) for effect in usual_effects()],
     )
     trajectory: Samples | Trajectory | None = Field(
         default=None, description="Samples; or a family, of which a random motion within the limits is taken."

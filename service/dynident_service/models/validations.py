@@ -31,7 +31,7 @@ class ValidationRequest(Asked):
 
     identification_id: Identifier
     kind: ValidationKind = Field(
-        description=" ".join(f"{one.name}: {one.words}" for one in TRIALS.choices),
+        description=" ".join(f"{choice.name}: {choice.words}" for choice in TRIALS.choices),
         json_schema_extra=choices_shown(TRIALS),
     )
     measurement_ids: list[Identifier] | None = Field(

@@ -43,20 +43,22 @@ def create_identifications(
 ) -> BatchView:
     """Identify many models, each by a job of its own; where one cannot be accepted, none is."""
     key = retry.of(body)
-    known = services.resources.known(key)
-    if known is not None:
-        return _show(services, again(known, response))
-    most = services.settings.max_batch
-    if len(body.items) > most:
-        raise unusable(f"{len(body.items)} are more than {most} (DYNIDENT_MAX_BATCH); send several batches", "/items")
-    asked = {"count": len(body.items)}
-    made = services.resources.create_together(
+    existing = services.resources.known(key)
+    if existing is not None:
+        return _show(services, again(existing, response))
+    max_items = services.settings.max_batch
+    if len(body.items) > max_items:
+        raise unusable(
+            f"{len(body.items)} are more than {max_items} (DYNIDENT_MAX_BATCH); send several batches", "/items"
+        )
+    request = {"count": len(body.items)}
+    batch = services.resources.create_together(
         _accepted(services, body),
-        lambda ids: NewResource("batch", asked, result={IDENTIFICATIONS: ids}, retry=key),
+        lambda ids: NewResource("batch", request, result={IDENTIFICATIONS: ids}, retry=key),
     )
     services.engine.nudge()
-    response.headers["Location"] = href(made.kind, made.id)
-    return _show(services, made)
+    response.headers["Location"] = href(batch.kind, batch.id)
+    return _show(services, batch)
 
 
 @router.get("/{batch_id}")
@@ -84,8 +86,8 @@ def _accepted(services: Services, body: BatchRequest) -> list[NewResource]:
     with importing():
         from dynident_service.adapters.robots import robot_of
 
-    named = {one for item in body.items for one in named_in(item)}
-    ahead = ReadAhead(services.resources, named)
+    identifiers = {identifier for item in body.items for identifier in named_in(item)}
+    ahead = ReadAhead(services.resources, identifiers)
 
     @cache
     def robot(identifier: str) -> Robot:
@@ -95,7 +97,9 @@ def _accepted(services: Services, body: BatchRequest) -> list[NewResource]:
     wrong: list[Problem] = []
     for number, item in enumerate(body.items):
         try:
-            accepted.append(_placed(new_identification(ahead, item, lambda found: robot(found.id)), f"/items/{number}"))
+            accepted.append(
+                _placed(new_identification(ahead, item, lambda resource: robot(resource.id)), f"/items/{number}")
+            )
         except (DynidentError, ProblemError) as error:
             problem = problem_of(error)
             wrong.append(problem.model_copy(update={"errors": _fields(problem, f"/items/{number}")}))
@@ -110,8 +114,8 @@ def _placed(new: NewResource, place: str) -> NewResource:
 
 
 def _fields(problem: Problem, place: str) -> list[ProblemField]:
-    told = problem.errors or [ProblemField(pointer="", detail=problem.detail)]
-    return [field.model_copy(update={"pointer": place + field.pointer}) for field in told]
+    fields = problem.errors or [ProblemField(pointer="", detail=problem.detail)]
+    return [field.model_copy(update={"pointer": place + field.pointer}) for field in fields]
 
 
 def _refusal(wrong: list[Problem], number: int) -> Problem:
@@ -130,6 +134,10 @@ def members(batch: Resource) -> list[str]:
 def _show(services: Services, batch: Resource) -> BatchView:
     ids = members(batch)
     jobs = services.ledger.of_resources(ids)
-    items = [BatchItem(id=one, job_id=jobs[one][0], status=jobs[one][1]) for one in ids if one in jobs]
+    items = [
+        BatchItem(id=identifier, job_id=jobs[identifier][0], status=jobs[identifier][1])
+        for identifier in ids
+        if identifier in jobs
+    ]
     states = Counter(item.status for item in items)
     return BatchView(id=batch.id, created_at=batch.created_at, states=states, items=items)

@@ -1,4 +1,4 @@
-"""What the routes have in common: lists, retries, the answer 202, dependents."""
+"""What the routes share: queries of lists, idempotent retries, stored and computed resources, JSON bodies."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ComputedT = TypeVar("ComputedT", bound=Computed[Any, Any])
 PATHS: dict[str, str] = {
     "diagnosis": "diagnoses",
     "batch": "identifications/batch",
-    **{one: one for one in ("drive_gains", "current_models", "series")},
+    **{kind: kind for kind in ("drive_gains", "current_models", "series")},
 }
 """Below which path resources of a kind are, but for those that are below the kind's plural."""
 
@@ -41,7 +41,7 @@ class ListQuery:
     archived: bool = True
 
 
-# What requests depend on is asynchronous, as it is short: else each would wait for a thread just for this.
+# These dependencies are asynchronous because they are short: FastAPI runs synchronous ones in a thread each.
 
 
 async def list_query(limit: Limit = 50, cursor: Cursor = None) -> ListQuery:
@@ -66,7 +66,7 @@ class RetryKey:
     key: str | None
 
     def of(self, body: BaseModel, *more: str) -> Retry | None:
-        """Bind the key to what is asked, so that a retry is told from another request."""
+        """Bind the key to a hash of the body, so that another request with the same key is recognised."""
         if self.key is None:
             return None
         content = json.dumps([body.model_dump(mode="json"), *more], sort_keys=True)
@@ -95,35 +95,35 @@ def href(kind: str, identifier: str) -> str:
 
 
 def make(services: Services, new: NewResource, response: Response) -> Resource:
-    """Store a resource, or find the one that an earlier try of the same request made; start its job."""
-    known = services.resources.known(new.retry)
-    if known is not None:
-        return again(known, response)
-    made = services.resources.create(new)
+    """Store a resource and start its job, or return the one that an earlier try of the same request stored."""
+    existing = services.resources.known(new.retry)
+    if existing is not None:
+        return again(existing, response)
+    resource = services.resources.create(new)
     if new.job is not None:
         services.engine.nudge()
-    response.headers["Location"] = href(made.kind, made.id)
-    return made
+    response.headers["Location"] = href(resource.kind, resource.id)
+    return resource
 
 
-def again(known: Resource, response: Response) -> Resource:
+def again(existing: Resource, response: Response) -> Resource:
     """Answer a retry with what the first try made."""
     response.headers["Idempotency-Replayed"] = "true"
-    response.headers["Location"] = href(known.kind, known.id)
-    return known
+    response.headers["Location"] = href(existing.kind, existing.id)
+    return existing
 
 
 def computed(view: type[ComputedT], resource: Resource, **more: object) -> ComputedT:
     """Show a resource that a job computes."""
     job = resource.job
     assert job is not None
-    told = {
+    job_fields = {
         "job_id": job.id,
         "status": job.state,
         "progress": Progress(fraction=job.fraction, message=job.message),
         "error": job.error,
     }
-    return view.model_validate({**vars(resource), **told, **more})
+    return view.model_validate({**vars(resource), **job_fields, **more})
 
 
 def page_of(
@@ -135,7 +135,7 @@ def page_of(
 
 
 def succeeded(resource: Resource) -> Resource:
-    """Insist that a resource has been computed; a problem 409 that says where it stands."""
+    """Return a resource that has been computed; raise a problem 409 with its state otherwise."""
     job = resource.job
     if job is not None and job.state != "succeeded":
         detail = f"The {resource.kind} {resource.id} is {job.state}; this is there once its job {job.id} succeeded."
@@ -152,11 +152,11 @@ def stated(kind: type[BodyT], text: str | bytes, pointer: str = "") -> BodyT:
         Where it is no JSON, or does not say what it has to.
     """
     try:
-        said = json.loads(text)
+        document = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise unusable(f"the {pointer[1:] or 'body'} is not JSON: {error}", pointer) from error
     try:
         return kind.model_validate_json(text)
     except ValidationError as error:
-        errors: list[ErrorDetails] = [{**one, "loc": ("body", *one["loc"])} for one in error.errors()]
-        raise ProblemError.of(validation_problem(fields_of(errors, said, pointer))) from error
+        errors: list[ErrorDetails] = [{**details, "loc": ("body", *details["loc"])} for details in error.errors()]
+        raise ProblemError.of(validation_problem(fields_of(errors, document, pointer))) from error

@@ -57,10 +57,10 @@ def get_series(
     with importing():
         from dynident_service.adapters.comparisons import thinned
 
-    stored = _stored(services, comparison_id)
-    every = stored.signals(joint, start, end)
-    unit = stored.unit(joint)
-    return _shown(Series, thinned(every, points), joint=joint, effort_unit=unit, n_samples=len(every.t))
+    comparison = _stored(services, comparison_id)
+    signals = comparison.signals(joint, start, end)
+    unit = comparison.unit(joint)
+    return _shown(Series, thinned(signals, points), joint=joint, effort_unit=unit, n_samples=len(signals.t))
 
 
 @router.get("/{comparison_id}/residual_map")
@@ -73,9 +73,9 @@ def get_residual_map(
     bins: Annotated[int, Query(ge=2, le=200, description="In each direction")] = 30,
 ) -> ResidualMap:
     """Give mean, spread and count of a joint's residual over any two signals."""
-    stored = _stored(services, comparison_id)
-    found = stored.residual_map(joint, x, y, bins)
-    return _shown(ResidualMap, found, joint=joint, effort_unit=stored.unit(joint), x=x, y=y)
+    comparison = _stored(services, comparison_id)
+    residual_map = comparison.residual_map(joint, x, y, bins)
+    return _shown(ResidualMap, residual_map, joint=joint, effort_unit=comparison.unit(joint), x=x, y=y)
 
 
 @router.get("/{comparison_id}/spectrum")
@@ -86,8 +86,10 @@ def get_spectrum(
     over: Annotated[Literal["angle", "time"], Query(description="The joint's own position, or time")] = "time",
 ) -> Spectrum:
     """Give the amplitude spectrum of a joint's residual: gears show over the angle, vibration over time."""
-    stored = _stored(services, comparison_id)
-    return _shown(Spectrum, stored.spectrum(joint, over), joint=joint, effort_unit=stored.unit(joint), over=over)
+    comparison = _stored(services, comparison_id)
+    return _shown(
+        Spectrum, comparison.spectrum(joint, over), joint=joint, effort_unit=comparison.unit(joint), over=over
+    )
 
 
 @router.get("/{comparison_id}/autocorrelation")
@@ -105,12 +107,12 @@ def _stored(services: Services, identifier: str) -> StoredComparison:
     with importing():
         from dynident.diagnosis.comparing.stored import StoredComparison
 
-    found = succeeded(services.resources.get("comparison", identifier))
-    return StoredComparison(services.objects.path(found.objects["signals"].key))
+    resource = succeeded(services.resources.get("comparison", identifier))
+    return StoredComparison(services.objects.path(resource.objects["signals"].key))
 
 
-def _shown(view: type[ShownT], found: object, **more: object) -> ShownT:
+def _shown(view: type[ShownT], result: object, **more: object) -> ShownT:
     with importing():
         from dynident_service.adapters.answers import shown
 
-    return shown(view, found, **more)
+    return shown(view, result, **more)

@@ -54,11 +54,14 @@ def create_current_models(services: Services, body: CurrentModelsRequest) -> Seq
 
 def _check_gains(robot: Resource) -> None:
     """What the torque of its measurements is in terms of currents has to be stated, be it wrong."""
-    without = [joint.name for joint in RobotResult.model_validate(robot.result).joints if joint.drive_gain is None]
-    if without:
+    joints_without_gain = [
+        joint.name for joint in RobotResult.model_validate(robot.result).joints if joint.drive_gain is None
+    ]
+    if joints_without_gain:
         raise unusable(
-            f"{', '.join(without)} of this robot state no drive gain, so that its measurements hold torques; make one "
-            'with "drives": {"…": {"drive_gain": 1}} for each of them, and upload the currents for it',
+            f"{', '.join(joints_without_gain)} of this robot state no drive gain, so that its measurements "
+            'hold torques; make one with "drives": {"…": {"drive_gain": 1}} for each of them, and upload the '
+            "currents for it",
             "/robot_id",
             title="No currents",
         )

@@ -63,15 +63,15 @@ def get_trajectory(
     with importing():
         from dynident_service.adapters.designs import trajectory_as_csv, trajectory_as_samples, trajectory_for_ros2
 
-    found = succeeded(services.resources.get("design", design_id))
-    path = services.objects.path(found.objects["trajectory"].key)
+    design = succeeded(services.resources.get("design", design_id))
+    path = services.objects.path(design.objects["trajectory"].key)
     if format == "parquet":
         return FileResponse(path, media_type=PARQUET, filename=f"{design_id}.parquet")
     ending = "yaml" if format == "ros2" else format
     headers = {"Content-Disposition": f'attachment; filename="{design_id}.{ending}"'}
     if format == "csv":
         return StreamingResponse(trajectory_as_csv(path), media_type="text/csv", headers=headers)
-    joints = DesignResult.model_validate(found.result).joints
+    joints = DesignResult.model_validate(design.result).joints
     if format == "ros2":
         return StreamingResponse(trajectory_for_ros2(path, joints), media_type=YAML, headers=headers)
     return JSONResponse(trajectory_as_samples(path, joints).model_dump(), headers=headers)
@@ -87,15 +87,15 @@ async def get_clearances(
     """Show what every link is nearest to along the motion, with the points between which that distance lies."""
 
     def asked() -> dict[str, Any]:
-        found = succeeded(services.resources.get("design", design_id))
-        robot = services.resources.get("robot", found.one("robot"))
+        design = succeeded(services.resources.get("design", design_id))
+        robot = services.resources.get("robot", design.one("robot"))
         return {
-            "request": dict(found.request),
+            "request": dict(design.request),
             "robot": dict(robot.request),
-            "meshes": {name: str(services.objects.path(one.key)) for name, one in meshes_of(robot).items()},
-            "trajectory": str(services.objects.path(found.objects["trajectory"].key)),
+            "meshes": {name: str(services.objects.path(mesh.key)) for name, mesh in meshes_of(robot).items()},
+            "trajectory": str(services.objects.path(design.objects["trajectory"].key)),
             "points": points,
         }
 
-    found = await services.awaited.call(request, CLEARANCES, dict, await to_thread.run_sync(asked))
-    return DesignClearances.model_validate(found)
+    clearances = await services.awaited.call(request, CLEARANCES, dict, await to_thread.run_sync(asked))
+    return DesignClearances.model_validate(clearances)

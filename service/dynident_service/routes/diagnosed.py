@@ -1,4 +1,4 @@
-"""What a diagnosis has found, for somebody who adds an effect by its name alone."""
+"""Completion of effects that are added by name alone, from earlier diagnoses."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ def as_diagnosed(services: Services, model: Resource, effects: Sequence[EffectCh
     The latest diagnoses count first, those of the model before those of the models that it came from. What was
     recommended more than once (two lines of ripple on a joint) is given out in that order.
     """
-    recommended = [choice for found in _diagnoses(services, model) for choice in found.recommended]
+    recommended = [choice for diagnosis in _diagnoses(services, model) for choice in diagnosis.recommended]
     completed = []
-    for asked in effects:
-        match = None if asked.shape_parameters or asked.runs else _match(asked, recommended)
+    for requested in effects:
+        match = None if requested.shape_parameters or requested.runs else _match(requested, recommended)
         if match is not None:
             recommended.remove(match)
-        completed.append(match or asked)
+        completed.append(match or requested)
     return completed
 
 
-def _match(asked: EffectChoice, recommended: Sequence[EffectChoice]) -> EffectChoice | None:
+def _match(requested: EffectChoice, recommended: Sequence[EffectChoice]) -> EffectChoice | None:
     for choice in recommended:
-        if choice.effect == asked.effect and set(choice.joints) == set(asked.joints):
+        if choice.effect == requested.effect and set(choice.joints) == set(requested.joints):
             return choice
     return None
 
 
 def _diagnoses(services: Services, model: Resource) -> Iterator[DiagnosisResult]:
     """Results of the latest diagnoses of a model and of its ancestors."""
-    here: Resource | None = model
-    while here is not None:
-        for one in services.resources.page("diagnosis", _LATEST, on_id=here.id).items:
-            if one.result is not None:
-                yield DiagnosisResult.model_validate(one.result)
-        parents = here.all("parent")
-        here = services.resources.get("identification", parents[0]) if parents else None
+    ancestor: Resource | None = model
+    while ancestor is not None:
+        for diagnosis in services.resources.page("diagnosis", _LATEST, on_id=ancestor.id).items:
+            if diagnosis.result is not None:
+                yield DiagnosisResult.model_validate(diagnosis.result)
+        parents = ancestor.all("parent")
+        ancestor = services.resources.get("identification", parents[0]) if parents else None

@@ -62,8 +62,8 @@ def get_evidence(
     with importing():
         from dynident_service.adapters.diagnoses import read_evidence
 
-    found = succeeded(services.resources.get("diagnosis", diagnosis_id))
-    if "evidence" not in found.objects:
+    diagnosis = succeeded(services.resources.get("diagnosis", diagnosis_id))
+    if "evidence" not in diagnosis.objects:
         detail = f"The diagnosis {diagnosis_id} was made without figures; diagnose again."
         raise ProblemError(404, detail, title="No figure")
-    return read_evidence(services.objects.get(found.objects["evidence"].key), rank, joint)
+    return read_evidence(services.objects.get(diagnosis.objects["evidence"].key), rank, joint)

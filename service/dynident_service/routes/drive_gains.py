@@ -19,12 +19,12 @@ from dynident_service.storage.records import NewJob, Resource, RestsOn
 router = APIRouter(prefix="/v1/drive_gains", tags=["drive gains"])
 
 
-def _tables(_: Services, found: Resource) -> list[Table]:
+def _tables(_: Services, resource: Resource) -> list[Table]:
     with importing():
         from dynident_service.adapters.drive_gains import gain_tables
         from dynident_service.adapters.tables import show_tables
 
-    return show_tables(gain_tables(DriveGainsResult.model_validate(found.result)))
+    return show_tables(gain_tables(DriveGainsResult.model_validate(resource.result)))
 
 
 @asked_for(
@@ -54,8 +54,8 @@ def _measurements(services: Services, body: DriveGainsRequest, robot: Resource) 
     """The runs, each without or with its load and not both."""
     if body.weigh is None and body.weigh_unloaded is not None:
         raise unusable("nothing is to be weighed: give weigh, or leave weigh_unloaded out", "/weigh_unloaded")
-    without = body.unloaded if body.weigh_unloaded is None else body.weigh_unloaded
-    for field, loaded, unloaded in (("loaded", body.loaded, body.unloaded), ("weigh", body.weigh or [], without)):
+    runs_without = body.unloaded if body.weigh_unloaded is None else body.weigh_unloaded
+    for field, loaded, unloaded in (("loaded", body.loaded, body.unloaded), ("weigh", body.weigh or [], runs_without)):
         for index, identifier in enumerate(loaded):
             if identifier in unloaded:
                 detail = f"the measurement {identifier!r} is named as a run without the load too"

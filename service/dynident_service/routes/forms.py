@@ -1,4 +1,4 @@
-"""Forms with files, which are received in the data directory: there the room was asked for."""
+"""Forms with files, which are received in the data directory, where free space is checked."""
 
 from __future__ import annotations
 

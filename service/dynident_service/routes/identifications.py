@@ -86,8 +86,8 @@ def get_tables(identification_id: str, services: ServicesDep) -> Tables:
         from dynident_service.adapters.identifications import identification_tables
         from dynident_service.adapters.tables import show_tables
 
-    found = succeeded(services.resources.get("identification", identification_id))
-    return Tables(items=show_tables(identification_tables(IdentificationResult.model_validate(found.result))))
+    identification = succeeded(services.resources.get("identification", identification_id))
+    return Tables(items=show_tables(identification_tables(IdentificationResult.model_validate(identification.result))))
 
 
 @router.post("/{identification_id}/extend", status_code=202)
@@ -101,12 +101,14 @@ def extend_identification(
         from dynident_service.adapters.robots import robot_of
 
     parent = succeeded(services.resources.get("identification", identification_id))
-    asked = StoredIdentification.model_validate(parent.request)
+    stored_request = StoredIdentification.model_validate(parent.request)
     robot = needed_robot(services, parent.one("robot"))
     added = as_diagnosed(services, parent, body.effects)
     check_choices(choices_of(added), robot_of(robot.request))
-    grown = {"effects": [*asked.effects, *added], "added": added, "removed": []}
-    new = _next_rung(parent, asked, {**grown, "name": body.name or asked.name}, EXTENSION, retry.of(body))
+    changes = {"effects": [*stored_request.effects, *added], "added": added, "removed": []}
+    new = _next_rung(
+        parent, stored_request, {**changes, "name": body.name or stored_request.name}, EXTENSION, retry.of(body)
+    )
     return show(make(services, new, response))
 
 
@@ -121,14 +123,16 @@ def remove_from_identification(
         from dynident_service.adapters.robots import robot_of
 
     parent = succeeded(services.resources.get("identification", identification_id))
-    asked = StoredIdentification.model_validate(parent.request)
+    stored_request = StoredIdentification.model_validate(parent.request)
     robot = robot_of(needed_robot(services, parent.one("robot")).request)
     # Those of the result have the shape constants that were found.
-    has = show(parent).result
-    effects = asked.effects if has is None else has.effects
-    left = effects_without(choices_of(effects), choices_of(body.effects), robot)
-    smaller = {"effects": [show_choice(one) for one in left], "added": [], "removed": body.effects}
-    new = _next_rung(parent, asked, {**smaller, "name": body.name or asked.name}, REMOVAL, retry.of(body))
+    result = show(parent).result
+    effects = stored_request.effects if result is None else result.effects
+    remaining = effects_without(choices_of(effects), choices_of(body.effects), robot)
+    changes = {"effects": [show_choice(choice) for choice in remaining], "added": [], "removed": body.effects}
+    new = _next_rung(
+        parent, stored_request, {**changes, "name": body.name or stored_request.name}, REMOVAL, retry.of(body)
+    )
     return show(make(services, new, response))
 
 
@@ -162,7 +166,7 @@ async def export_identification(
     identification_id: str,
     request: Request,
     services: ServicesDep,
-    asked: Annotated[ExportQuery, Query()],
+    query: Annotated[ExportQuery, Query()],
 ) -> Response:
     """Give the identified model in a format that other programs read."""
     with importing():
@@ -170,15 +174,18 @@ async def export_identification(
         from dynident_service.adapters.exports import file_response
 
     def find() -> dict[str, Any]:
-        found = succeeded(services.resources.get("identification", identification_id))
-        if not asked.anyway:
-            refuse_stopped(found)
-        return {"robot": services.resources.get("robot", found.one("robot")).request, **plain(show(found))}
+        identification = succeeded(services.resources.get("identification", identification_id))
+        if not query.anyway:
+            refuse_stopped(identification)
+        return {
+            "robot": services.resources.get("robot", identification.one("robot")).request,
+            **plain(show(identification)),
+        }
 
     model = await model_file(services, identification_id)
-    wanted = {"format": asked.format, "nearest": asked.nearest, "shown": await to_thread.run_sync(find)}
+    export_options = {"format": query.format, "nearest": query.nearest, "shown": await to_thread.run_sync(find)}
     return file_response(
-        await services.awaited.call(request, f"{AWAITED}:export", ExportedFile, {"model": model, **wanted})
+        await services.awaited.call(request, f"{AWAITED}:export", ExportedFile, {"model": model, **export_options})
     )
 
 
@@ -212,16 +219,16 @@ def _show_briefly(resource: Resource) -> IdentificationView:
 
 def show(resource: Resource) -> IdentificationView:
     """Show a stored identification."""
-    stored = StoredIdentification.model_validate(resource.request)
+    stored_request = StoredIdentification.model_validate(resource.request)
     parents = resource.all("parent")
     return computed(
         IdentificationView,
         resource,
-        request=stored.model_dump(exclude={"added", "removed"}),
+        request=stored_request.model_dump(exclude={"added", "removed"}),
         robot_id=resource.one("robot"),
         parent_id=parents[0] if parents else None,
-        added=stored.added,
-        removed=stored.removed,
+        added=stored_request.added,
+        removed=stored_request.removed,
     )
 
 
@@ -240,10 +247,10 @@ keep(
 
 
 def _next_rung(
-    parent: Resource, asked: StoredIdentification, changed: dict[str, object], job: NewJob, retry: Retry | None
+    parent: Resource, stored_request: StoredIdentification, changes: dict[str, object], job: NewJob, retry: Retry | None
 ) -> NewResource:
     """What is to be computed from a model: its request with some of it changed."""
-    request = asked.model_copy(update=changed)
+    request = stored_request.model_copy(update=changes)
     return NewResource(
         "identification",
         plain(request),
@@ -251,8 +258,8 @@ def _next_rung(
         rests_on=(
             RestsOn(parent.id, "identification", "parent", "/"),
             RestsOn(parent.one("robot"), "robot", "robot", "/"),
-            *(RestsOn(one, "measurement", "training", "/") for one in asked.measurement_ids),
-            *(RestsOn(one, "measurement", "validation", "/") for one in asked.validation_ids),
+            *(RestsOn(identifier, "measurement", "training", "/") for identifier in stored_request.measurement_ids),
+            *(RestsOn(identifier, "measurement", "validation", "/") for identifier in stored_request.validation_ids),
         ),
         job=job,
         retry=retry,

@@ -38,21 +38,26 @@ async def import_file(
     further: Annotated[list[UploadFile] | None, File(description=FURTHER, max_length=MOST_FILES - 1)] = None,
 ) -> ImportView:
     """Look at a file: metadata that are proposed for it, why, and what has to be answered before it can be used."""
-    said = stated(ImportMetadata, metadata, "/metadata")
-    if said.name is None and file.filename:
-        said = said.model_copy(update={"name": Path(file.filename).stem[:200] or None})
+    stated_metadata = stated(ImportMetadata, metadata, "/metadata")
+    if stated_metadata.name is None and file.filename:
+        stated_metadata = stated_metadata.model_copy(update={"name": Path(file.filename).stem[:200] or None})
     with services.scratch() as folder:
         source = folder / "source"
         sha256 = await to_thread.run_sync(_receive, services, [file, *(further or ())], source)
-        key = retry.of(said, sha256)
-        known = await to_thread.run_sync(services.resources.known, key)
-        if known is not None:
-            return show(again(known, response))
-        robot = await to_thread.run_sync(needed, services, "robot", said.robot_id, "/metadata/robot_id")
-        arguments = {"source": str(source), "robot": dict(robot.request), "metadata": plain(said), "sha256": sha256}
+        key = retry.of(stated_metadata, sha256)
+        existing = await to_thread.run_sync(services.resources.known, key)
+        if existing is not None:
+            return show(again(existing, response))
+        robot = await to_thread.run_sync(needed, services, "robot", stated_metadata.robot_id, "/metadata/robot_id")
+        arguments = {
+            "source": str(source),
+            "robot": dict(robot.request),
+            "metadata": plain(stated_metadata),
+            "sha256": sha256,
+        }
         limits = Limits.for_files(source.stat().st_size)
         result = await services.awaited.call(request, LOOK, dict, arguments, limits, is_long=True)
-        return await to_thread.run_sync(lambda: show(_store(services, said, source, result, key, response)))
+        return await to_thread.run_sync(lambda: show(_store(services, stated_metadata, source, result, key, response)))
 
 
 def show(resource: Resource) -> ImportView:
@@ -81,7 +86,7 @@ def _receive(services: Services, files: Sequence[UploadFile], source: Path) -> s
 
 def _store(
     services: Services,
-    said: ImportMetadata,
+    metadata: ImportMetadata,
     source: Path,
     result: dict[str, object],
     retry: Retry | None,
@@ -90,10 +95,10 @@ def _store(
     services.resources.check_room("import", (source,))
     new = NewResource(
         "import",
-        plain(said),
-        name=said.name,
+        plain(metadata),
+        name=metadata.name,
         result=result,
-        rests_on=(RestsOn(said.robot_id, "robot", "robot", "/metadata/robot_id"),),
+        rests_on=(RestsOn(metadata.robot_id, "robot", "robot", "/metadata/robot_id"),),
         objects=(services.resources.put_as("original", source, media_type_of(source)),),
         retry=retry,
     )

@@ -1,4 +1,4 @@
-"""The routes that resources have in common: asked for where a job computes them, listed, shown, labelled, deleted."""
+"""The routes that all kinds of resources share: create by a job, list, show, label, delete."""
 
 from __future__ import annotations
 
@@ -47,20 +47,20 @@ class Kept:
 
 
 SHOWN: dict[Kind, Show] = {}
-"""How each kind that has these routes is shown."""
+"""The function that shows a resource, by kind."""
 
 
-def keep(router: APIRouter, kept: Kept, *, with_list: bool = True) -> None:
-    """Add the routes of a kind; `with_list` unless its list is one of its own."""
-    kind, show = kept.kind, kept.show or _computed(kept.view)
+def keep(router: APIRouter, routes: Kept, *, with_list: bool = True) -> None:
+    """Add the routes of a kind of resource; `with_list=False` where its list is a route of its own."""
+    kind, show = routes.kind, routes.show or _computed(routes.view)
     SHOWN[kind] = show
 
     def shown(identifier: str, services: ServicesDep) -> object:
-        found = services.resources.get(kind, identifier)
-        if kept.tables is None or found.result is None:
-            return show(found)
-        assert issubclass(kept.view, Computed)
-        return computed(kept.view, found, tables=kept.tables(services, found))
+        resource = services.resources.get(kind, identifier)
+        if routes.tables is None or resource.result is None:
+            return show(resource)
+        assert issubclass(routes.view, Computed)
+        return computed(routes.view, resource, tables=routes.tables(services, resource))
 
     def deleted(identifier: str, services: ServicesDep) -> None:
         services.resources.delete(kind, identifier)
@@ -68,63 +68,79 @@ def keep(router: APIRouter, kept: Kept, *, with_list: bool = True) -> None:
     def labelled(identifier: str, body: LabelsRequest, services: ServicesDep) -> object:
         return show(services.resources.label(kind, identifier, name=body.name, tags=body.tags, archived=body.archived))
 
-    # Parameters are called after the kinds.
+    # FastAPI reads annotations: they name the parameter after the kind, and the model that is returned.
     for route in (shown, deleted, labelled):
         route.__annotations__["identifier"] = Annotated[str, Path(alias=f"{kind}_id")]
-    shown.__annotations__["return"] = labelled.__annotations__["return"] = kept.view
-    at, one = f"/{{{kind}_id}}", kept.one or kind
+    shown.__annotations__["return"] = labelled.__annotations__["return"] = routes.view
+    path, singular = f"/{{{kind}_id}}", routes.one or kind
     if with_list:
-        _keep_list(router, kept, show)
-    to_show = kept.shown or f"Show a {kind}, with its result once there is one."
-    router.get(at, name=f"get_{one}", description=to_show)(shown)
-    router.delete(at, status_code=204, name=f"delete_{one}", description=kept.deleted or f"Delete a {kind}.")(deleted)
-    if kept.labelled:
-        router.patch(at, name=f"label_{one}", description=kept.labelled)(labelled)
+        _keep_list(router, routes, show)
+    to_show = routes.shown or f"Show a {kind}, with its result once there is one."
+    router.get(path, name=f"get_{singular}", description=to_show)(shown)
+    router.delete(path, status_code=204, name=f"delete_{singular}", description=routes.deleted or f"Delete a {kind}.")(
+        deleted
+    )
+    if routes.labelled:
+        router.patch(path, name=f"label_{singular}", description=routes.labelled)(labelled)
 
 
 def asked_for(
-    router: APIRouter, kept: Kept, job: NewJob, arguments: Arguments = lambda _, __: {}
+    router: APIRouter, routes: Kept, job: NewJob, arguments: Arguments = lambda _, __: {}
 ) -> Callable[[Needs[BodyT]], Needs[BodyT]]:
-    """Beside what says what a new resource rests on, or refuses the body: the route that asks for one, and the others.
+    """Decorate a function that checks a body: add the route that creates a resource by a job, and the other routes.
 
-    A job computes it, with the arguments that are made of the request and its body. The route is called as the function
-    is, and has its words.
+    Parameters
+    ----------
+    router : APIRouter
+        The router that gets the routes.
+    routes : Kept
+        The kind of resource.
+    job : NewJob
+        The job that computes it.
+    arguments : callable
+        Makes further arguments of the job from the request and its body.
+
+    Returns
+    -------
+    callable
+        A decorator. The decorated function returns what the new resource depends on, or refuses the body. The route
+        has its name and its docstring.
     """
-    keep(router, kept)
+    keep(router, routes)
 
     def asked(needs: Needs[BodyT]) -> Needs[BodyT]:
         def created(
             body: BodyT, services: ServicesDep, retry: RetryKeyDep, request: Request, response: Response
         ) -> object:
-            rests_on, wanted = tuple(needs(services, body)), plain(body)
-            to_do = replace(job, arguments=arguments(request, wanted))
-            name = cast(str | None, wanted["name"])
-            new = NewResource(kept.kind, wanted, name=name, rests_on=rests_on, job=to_do, retry=retry.of(body))
-            return SHOWN[kept.kind](make(services, new, response))
+            rests_on, request_body = tuple(needs(services, body)), plain(body)
+            to_do = replace(job, arguments=arguments(request, request_body))
+            name = cast(str | None, request_body["name"])
+            new = NewResource(routes.kind, request_body, name=name, rests_on=rests_on, job=to_do, retry=retry.of(body))
+            return SHOWN[routes.kind](make(services, new, response))
 
-        created.__annotations__ |= {"body": get_type_hints(needs)["body"], "return": kept.view}
+        created.__annotations__ |= {"body": get_type_hints(needs)["body"], "return": routes.view}
         router.post("", status_code=202, name=needs.__name__, description=getdoc(needs))(created)
         return needs
 
     return asked
 
 
-def _keep_list(router: APIRouter, kept: Kept, show: Show) -> None:
+def _keep_list(router: APIRouter, routes: Kept, show: Show) -> None:
     def listed(services: ServicesDep, query: ListQueryDep, on_id: str | None = None) -> object:
-        return page_of(services, kept.kind, query, show, on_id)
+        return page_of(services, routes.kind, query, show, on_id)
 
     def listed_all(services: ServicesDep, query: ListQueryDep) -> object:
-        return page_of(services, kept.kind, query, show)
+        return page_of(services, routes.kind, query, show)
 
-    route: Callable[..., object] = listed if kept.of else listed_all
-    if kept.of:
-        route.__annotations__["on_id"] = Annotated[str | None, Query(alias=f"{kept.of}_id")]
-    if kept.labelled:
+    route: Callable[..., object] = listed if routes.of else listed_all
+    if routes.of:
+        route.__annotations__["on_id"] = Annotated[str | None, Query(alias=f"{routes.of}_id")]
+    if routes.labelled:
         route.__annotations__["query"] = LabelledQueryDep
-    route.__annotations__["return"] = Page.__class_getitem__(kept.view)
-    several = kept.several or f"{kept.kind}s"
-    of_one = f"; those of one {kept.of} if asked" if kept.of else ""
-    to_list = kept.listed or f"List the {kept.words or several}, newest first{of_one}."
+    route.__annotations__["return"] = Page.__class_getitem__(routes.view)
+    several = routes.several or f"{routes.kind}s"
+    of_one = f"; those of one {routes.of} if asked" if routes.of else ""
+    to_list = routes.listed or f"List the {routes.words or several}, newest first{of_one}."
     router.get("", name=f"list_{several}", description=to_list)(route)
 
 

@@ -89,16 +89,18 @@ async def upload_measurement(
         fields = [ProblemField(pointer=f"/{name}", detail="Field required") for name in lacking]
         raise ProblemError.of(validation_problem(fields))
     with services.scratch() as folder:
-        said = stated(MeasurementMetadata, metadata, "/metadata")
-        received = await to_thread.run_sync(_receive, services, said, [file, *(further or ())], folder, retry)
+        stated_metadata = stated(MeasurementMetadata, metadata, "/metadata")
+        received = await to_thread.run_sync(
+            _receive, services, stated_metadata, [file, *(further or ())], folder, retry
+        )
         return await checked(request, services, received, response)
 
 
 async def _of_import(request: Request, services: Services, retry: RetryKey, response: Response) -> MeasurementView:
     """Store a recording of a file that was imported before."""
-    asked = stated(MeasurementOfImport, await request.body())
+    import_request = stated(MeasurementOfImport, await request.body())
     with services.scratch() as folder:
-        received = await to_thread.run_sync(_imported, services, asked, folder, retry)
+        received = await to_thread.run_sync(_imported, services, import_request, folder, retry)
         return await checked(request, services, received, response)
 
 
@@ -113,21 +115,23 @@ async def checked(
     return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
 
 
-def _imported(services: Services, asked: MeasurementOfImport, folder: Path, key: RetryKey) -> Received | Resource:
-    retry, source, said = key.of(asked), folder / "source", asked.metadata
-    if (known := services.resources.known(retry)) is not None:
-        return known
-    found = services.resources.find(asked.import_id)
-    if found is None or found.kind != "import":
-        detail = f"there is no import {asked.import_id!r}; they are kept for a day: upload the file again"
+def _imported(
+    services: Services, import_request: MeasurementOfImport, folder: Path, key: RetryKey
+) -> Received | Resource:
+    retry, source, metadata = key.of(import_request), folder / "source", import_request.metadata
+    if (existing := services.resources.known(retry)) is not None:
+        return existing
+    imported = services.resources.find(import_request.import_id)
+    if imported is None or imported.kind != "import":
+        detail = f"there is no import {import_request.import_id!r}; they are kept for a day: upload the file again"
         raise unusable(detail, "/import_id", title="Unknown resource")
-    original = found.objects["original"]
+    original = imported.objects["original"]
     require_room_for(services, original.size)
     with source.open("wb") as target:
         for part in services.objects.stream(original.key):
             target.write(part)
-    robot = needed(services, "robot", said.robot_id, "/metadata/robot_id").request
-    return Received(said, source, folder, original.key, retry, robot, import_id=found.id)
+    robot = needed(services, "robot", metadata.robot_id, "/metadata/robot_id").request
+    return Received(metadata, source, folder, original.key, retry, robot, import_id=imported.id)
 
 
 @router.get("/{measurement_id}/content", response_class=StreamingResponse)
@@ -147,16 +151,16 @@ def original_of(measurement: Resource) -> Owned:
 
 def show(resource: Resource) -> MeasurementView:
     """Show a stored measurement."""
-    said = MeasurementMetadata.model_validate(resource.request)
+    metadata = MeasurementMetadata.model_validate(resource.request)
     return MeasurementView.model_validate(
         {
             **vars(resource),
             **(resource.result or {}),
-            **said.model_dump(include={"robot_id", "role", "windows"}),
+            **metadata.model_dump(include={"robot_id", "role", "windows"}),
             "parent_id": next(iter(resource.all("parent")), None),
             "revision": len((resource.result or {}).get("edits", [])),
-            "effort_kind": said.model_dump(include={"effort_kind"})["effort_kind"] or "unknown",
-            "request": said,
+            "effort_kind": metadata.model_dump(include={"effort_kind"})["effort_kind"] or "unknown",
+            "request": metadata,
         }
     )
 
@@ -210,27 +214,27 @@ class Received:
 
 
 def _receive(
-    services: Services, said: MeasurementMetadata, files: Sequence[UploadFile], folder: Path, key: RetryKey
+    services: Services, metadata: MeasurementMetadata, files: Sequence[UploadFile], folder: Path, key: RetryKey
 ) -> Received | Resource:
     source = folder / "source"
     receive(services, files, source)
     sha256 = sha256_of(source)
-    retry = key.of(said, sha256)
-    if (known := services.resources.known(retry)) is not None:
-        return known
-    robot = needed(services, "robot", said.robot_id, "/metadata/robot_id").request
-    return Received(said, source, folder, sha256, retry, robot)
+    retry = key.of(metadata, sha256)
+    if (existing := services.resources.known(retry)) is not None:
+        return existing
+    robot = needed(services, "robot", metadata.robot_id, "/metadata/robot_id").request
+    return Received(metadata, source, folder, sha256, retry, robot)
 
 
 def _store(services: Services, received: Received, result: Mapping[str, Any], response: Response) -> Resource:
-    said, revised = received.said, received.revised
+    metadata, revised = received.said, received.revised
     new = NewResource(
         "measurement",
-        plain(said),
-        name=said.name,
+        plain(metadata),
+        name=metadata.name,
         result={**result, "edits": received.edits},
         rests_on=(
-            RestsOn(said.robot_id, "robot", "robot", "/metadata/robot_id"),
+            RestsOn(metadata.robot_id, "robot", "robot", "/metadata/robot_id"),
             *([RestsOn(received.import_id, "import", "import", "/import_id")] if received.import_id else []),
             *([RestsOn(revised.id, "measurement", "parent", "/")] if revised else []),
         ),
@@ -275,9 +279,9 @@ async def get_raw_signals(
     folder = Path(tempfile.mkdtemp(dir=services.settings.uploads_dir))
     removal = BackgroundTask(shutil.rmtree, folder, ignore_errors=True)
     try:
-        wanted = [name.strip() for name in (signals or "").split(",") if name.strip()]
+        names = [name.strip() for name in (signals or "").split(",") if name.strip()]
         sent = await to_thread.run_sync(_describe_raw, services, measurement_id, folder)
-        arguments = {**sent, "signals": wanted, "start": start, "end": end, "points": points}
+        arguments = {**sent, "signals": names, "start": start, "end": end, "points": points}
         size = Path(sent["source"]).stat().st_size
         largest = min(max(SMALLEST_ANSWER, DIGITS * size), LARGEST_ANSWER)
         await to_thread.run_sync(require_room_for, services, largest // 2)
@@ -293,20 +297,20 @@ async def get_raw_signals(
 def _describe_raw(services: Services, measurement_id: str, folder: Path) -> dict[str, Any]:
     """What a child is told of the file of a measurement, and where it is to write signals of it."""
     measurement = services.resources.get("measurement", measurement_id)
-    said = MeasurementMetadata.model_validate(measurement.request)
-    robot = services.resources.get("robot", said.robot_id)
+    metadata = MeasurementMetadata.model_validate(measurement.request)
+    robot = services.resources.get("robot", metadata.robot_id)
     return {
         "source": str(services.objects.path(original_of(measurement).key)),
         "destination": str(folder / "signals.json"),
         "robot": dict(robot.request),
-        "metadata": plain(said),
+        "metadata": plain(metadata),
     }
 
 
 @router.get("/{measurement_id}/standstills")
 async def get_standstills(measurement_id: str, request: Request, services: ServicesDep) -> Standstills:
     """Give the stretches of time in which each joint stands, as the recording's rows are told apart for friction."""
-    found = await to_thread.run_sync(services.resources.get, "measurement", measurement_id)
-    path = await to_thread.run_sync(services.objects.path, found.objects["recording"].key)
-    asked = {"recording": str(path)}
-    return Standstills.model_validate(await services.awaited.call(request, STANDSTILLS, dict, asked))
+    measurement = await to_thread.run_sync(services.resources.get, "measurement", measurement_id)
+    path = await to_thread.run_sync(services.objects.path, measurement.objects["recording"].key)
+    arguments = {"recording": str(path)}
+    return Standstills.model_validate(await services.awaited.call(request, STANDSTILLS, dict, arguments))

@@ -57,15 +57,17 @@ async def put_meshes(
         sent = await to_thread.run_sync(_receive, services, files, folder)
         files_sent = tuple(sent.values())
         await to_thread.run_sync(services.resources.check_room, "robot", files_sent, robot_id)
-        taken = await _taken(request, services, robot.request, sent, meshes_of(robot), folder)
-        unused = taken.unused
+        stored_meshes = await _taken(request, services, robot.request, sent, meshes_of(robot), folder)
+        unused = stored_meshes.unused
         while True:
-            told = {"meshes": taken.named}
-            robot = await to_thread.run_sync(services.resources.attach, "robot", robot_id, told, taken.objects)
-            if meshes_of(robot) == taken.files:
+            changes = {"meshes": stored_meshes.named}
+            robot = await to_thread.run_sync(
+                services.resources.attach, "robot", robot_id, changes, stored_meshes.objects
+            )
+            if meshes_of(robot) == stored_meshes.files:
                 return MeshesView.model_validate({"meshes": named_meshes(robot), "unused": unused})
             # Others came meanwhile: the geometry is that of all of them.
-            taken = await _taken(request, services, robot.request, {}, meshes_of(robot), folder)
+            stored_meshes = await _taken(request, services, robot.request, {}, meshes_of(robot), folder)
 
 
 @router.get("/{robot_id}/geometry", response_model=GeometryView)
@@ -75,8 +77,8 @@ def get_geometry(robot_id: str, services: ServicesDep) -> GeometryView | Respons
     Meshes are there once their files have been sent to the robot's `meshes`.
     """
     robot = services.resources.get("robot", robot_id)
-    if (stored := robot.objects.get(GEOMETRY)) is not None:
-        return Response(services.objects.get(stored.key), media_type="application/json")
+    if (geometry := robot.objects.get(GEOMETRY)) is not None:
+        return Response(services.objects.get(geometry.key), media_type="application/json")
     with importing():
         from dynident_service.adapters.geometry import describe_geometry
         from dynident_service.adapters.robots import robot_of
@@ -101,21 +103,27 @@ def find_poses(robot_id: str, body: PosturesRequest, services: ServicesDep) -> P
 
 
 async def inherited(
-    request: Request, services: Services, source_id: str | None, named: Set[str], asked: Mapping[str, object]
+    request: Request,
+    services: Services,
+    source_id: str | None,
+    mesh_names: Set[str],
+    robot_request: Mapping[str, object],
 ) -> tuple[Owned, ...]:
     """What a new robot, whose description names these meshes, has of another one's."""
     if source_id is None:
         return ()
     source = await to_thread.run_sync(needed, services, "robot", source_id, "/meshes_of")
-    kept = {name: file for name, file in meshes_of(source).items() if name in named}
-    if not kept:
+    inherited_files = {name: file for name, file in meshes_of(source).items() if name in mesh_names}
+    if not inherited_files:
         return ()
     with services.scratch() as folder:
-        taken = await _taken(request, services, asked, {}, kept, folder)
+        stored_meshes = await _taken(request, services, robot_request, {}, inherited_files, folder)
     owned = [
-        replace(taken.files[one["name"]], role=role_of(k)) for k, one in enumerate(taken.named) if one["name"] in kept
+        replace(stored_meshes.files[mesh["name"]], role=role_of(k))
+        for k, mesh in enumerate(stored_meshes.named)
+        if mesh["name"] in inherited_files
     ]
-    return (*taken.objects, *owned)
+    return (*stored_meshes.objects, *owned)
 
 
 def _receive(services: Services, files: Sequence[UploadFile], folder: Path) -> dict[str, Path]:
@@ -134,7 +142,7 @@ async def _taken(
     services: Services,
     robot: Mapping[str, Any],
     sent: Mapping[str, Path],
-    kept: Mapping[str, Owned],
+    existing_files: Mapping[str, Owned],
     folder: Path,
 ) -> Taken:
     """Have a child read the meshes, then put what came into the object store."""
@@ -144,21 +152,21 @@ async def _taken(
         return {
             "request": dict(robot),
             "sent": {name: str(file) for name, file in sent.items()},
-            "kept": {name: str(services.objects.path(one.key)) for name, one in kept.items()},
+            "kept": {name: str(services.objects.path(owned.key)) for name, owned in existing_files.items()},
             "destination": str(geometry),
         }
 
-    sizes = [*(file.stat().st_size for file in sent.values()), *(one.size for one in kept.values())]
-    asked_for = await to_thread.run_sync(asked)
-    found = await services.awaited.call(request, TAKE, dict, asked_for, Limits.for_files(*sizes), is_long=True)
+    sizes = [*(file.stat().st_size for file in sent.values()), *(owned.size for owned in existing_files.values())]
+    arguments = await to_thread.run_sync(asked)
+    read_meshes = await services.awaited.call(request, TAKE, dict, arguments, Limits.for_files(*sizes), is_long=True)
 
     def stored() -> Taken:
-        files, put = dict(kept), services.resources.put_as
+        files, put = dict(existing_files), services.resources.put_as
         new = [put(GEOMETRY, geometry, "application/json")]
-        for place, mesh in enumerate(found["meshes"]):
-            if (file := found["chosen"].get(mesh["name"])) is not None:
+        for place, mesh in enumerate(read_meshes["meshes"]):
+            if (file := read_meshes["chosen"].get(mesh["name"])) is not None:
                 files[mesh["name"]] = put(role_of(place), sent[file], "application/octet-stream")
                 new.append(files[mesh["name"]])
-        return Taken(found["meshes"], tuple(new), files, tuple(found["unused"]))
+        return Taken(read_meshes["meshes"], tuple(new), files, tuple(read_meshes["unused"]))
 
     return await to_thread.run_sync(stored)

@@ -1,4 +1,4 @@
-"""What a request names must be there, and fit."""
+"""Resources that a request names: they must exist, have succeeded, and fit each other."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dynident_service.storage.resources import Resources
 
 
 class Readable(Protocol):
-    """Where resources are found by their ids."""
+    """Reads resources by their ids."""
 
     def find(self, identifier: str) -> Resource | None:
         """Read a resource of whatever kind."""
@@ -22,7 +22,7 @@ class Readable(Protocol):
 
 
 class Reading(Protocol):
-    """The services, or as much of them as a request needs that only looks."""
+    """The part of the services that a check of a request needs: its resources."""
 
     @property
     def resources(self) -> Readable:
@@ -30,7 +30,7 @@ class Reading(Protocol):
 
 
 class ReadAhead:
-    """Resources that are read all at once, before they are asked for one by one."""
+    """Resources that are read with one query, before a batch asks for them one by one."""
 
     def __init__(self, resources: Resources, identifiers: Iterable[str]) -> None:
         self._resources = resources
@@ -38,7 +38,7 @@ class ReadAhead:
 
     @property
     def resources(self) -> Readable:
-        """Itself: this is all that is read from."""
+        """Itself, so that it can stand in for the services."""
         return self
 
     def find(self, identifier: str) -> Resource | None:
@@ -49,18 +49,18 @@ class ReadAhead:
 
     def get(self, kind: Kind, identifier: str) -> Resource:
         """Give a resource of a kind; a problem 404 if there is none."""
-        found = self.find(identifier)
-        if found is None or found.kind != kind:
+        resource = self.find(identifier)
+        if resource is None or resource.kind != kind:
             raise not_found(kind, identifier)
-        return found
+        return resource
 
 
 def needed(services: Reading, kind: Kind, identifier: str, pointer: str) -> Resource:
     """Find a resource that the request names."""
-    found = services.resources.find(identifier)
-    if found is None or found.kind != kind:
+    resource = services.resources.find(identifier)
+    if resource is None or resource.kind != kind:
         raise unusable(f"there is no {kind} {identifier!r}", pointer, title="Unknown resource")
-    return found
+    return resource
 
 
 def needed_robot(services: Reading, identifier: str) -> Resource:
@@ -72,12 +72,12 @@ def needed_result(
     services: Reading, kind: Kind, identifier: str, pointer: str, title: str = "Unusable input"
 ) -> Resource:
     """Find a resource that the request names, and whose job must have succeeded."""
-    found = needed(services, kind, identifier, pointer)
-    state = found.job.state if found.job is not None else "failed"
+    resource = needed(services, kind, identifier, pointer)
+    state = resource.job.state if resource.job is not None else "failed"
     if state != "succeeded":
         detail = f"the {kind} {identifier!r} is {state}; one that succeeded is needed"
         raise unusable(detail, pointer, title=title)
-    return found
+    return resource
 
 
 def needed_model(services: Reading, identifier: str) -> Resource:
@@ -86,7 +86,7 @@ def needed_model(services: Reading, identifier: str) -> Resource:
 
 
 def needed_design(services: Reading, identifier: str, robot: Resource) -> RestsOn:
-    """The design that the request names must be of this robot, and computed."""
+    """Return the dependency on a design; it must be computed, and for this robot."""
     design = needed_result(services, "design", identifier, "/design_id")
     if design.one("robot") != robot.id:
         detail = f"the design {identifier!r} is for another robot, {design.one('robot')}"
@@ -94,24 +94,24 @@ def needed_design(services: Reading, identifier: str, robot: Resource) -> RestsO
     return RestsOn(identifier, "design", "design", "/design_id")
 
 
-def resting_on(found: Resource) -> RestsOn:
-    """To rest on a robot or a model that the request names by the id of its kind."""
-    return RestsOn(found.id, found.kind, found.kind, f"/{found.kind}_id")
+def resting_on(resource: Resource) -> RestsOn:
+    """Return the dependency on a robot or a model that the request names by the id of its kind."""
+    return RestsOn(resource.id, resource.kind, resource.kind, f"/{resource.kind}_id")
 
 
 def needed_measurements(
     services: Reading, robot: Resource, identifiers: Sequence[str], role: str, pointer: str
 ) -> tuple[RestsOn, ...]:
     """Find the measurements that the request names; they must be of this robot, or of one with the same drives."""
-    found = []
+    needs = []
     for index, identifier in enumerate(identifiers):
-        at = f"{pointer}/{index}"
-        measurement = needed(services, "measurement", identifier, at)
+        item_pointer = f"{pointer}/{index}"
+        measurement = needed(services, "measurement", identifier, item_pointer)
         if identifier in identifiers[:index]:
-            raise unusable(f"the measurement {identifier!r} is named twice", at)
-        require_same_drives(services, robot, measurement, at)
-        found.append(RestsOn(identifier, "measurement", role, at))
-    return tuple(found)
+            raise unusable(f"the measurement {identifier!r} is named twice", item_pointer)
+        require_same_drives(services, robot, measurement, item_pointer)
+        needs.append(RestsOn(identifier, "measurement", role, item_pointer))
+    return tuple(needs)
 
 
 def require_same_drives(services: Reading, robot: Resource, measurement: Resource, pointer: str) -> None:
@@ -128,12 +128,13 @@ def require_same_drives(services: Reading, robot: Resource, measurement: Resourc
         raise unusable(detail, pointer, title="Another robot's measurement")
 
 
-def refuse_coupled(robot: Resource, what: str) -> None:
+def refuse_coupled(robot: Resource, reason: str) -> None:
     """Refuse a robot of which a motor acts on several joints."""
     coupled = [joint.name for joint in RobotResult.model_validate(robot.result).joints if joint.coupling]
     if coupled:
         raise unusable(
-            f"the motors of {', '.join(coupled)} of this robot act on several joints; {what} motors of one joint each",
+            f"the motors of {', '.join(coupled)} of this robot act on several joints; "
+            f"{reason} motors of one joint each",
             "/robot_id",
             title="Coupled drives",
         )

@@ -19,13 +19,13 @@ from dynident_service.storage.records import NewJob, Resource, RestsOn
 router = APIRouter(prefix="/v1/reports", tags=["reports"])
 
 
-def _address(request: Request, asked: Mapping[str, object]) -> dict[str, object]:
+def _address(request: Request, body: Mapping[str, object]) -> dict[str, object]:
     """Where a report that is sent on leads back to: what the settings say, or where this request was received.
 
     Never what its `Host` header says, which whoever sends the request makes up.
     """
     base = request.app.state.services.settings.public_url or _received_at(request)
-    return {"address": f"{base.rstrip('/')}/?identification={asked['identification_id']}" if base else ""}
+    return {"address": f"{base.rstrip('/')}/?identification={body['identification_id']}" if base else ""}
 
 
 def _received_at(request: Request) -> str:
@@ -51,7 +51,7 @@ def create_report(services: Services, body: ReportRequest) -> Sequence[RestsOn]:
     ]
     if body.design_id is not None:
         needs.append(needed_design(services, body.design_id, robot))
-    needs += [_validation(services, one, index, model) for index, one in enumerate(body.validation_ids)]
+    needs += [_validation(services, identifier, index, model) for index, identifier in enumerate(body.validation_ids)]
     if body.diagnosis_id is not None:
         needs.append(_diagnosis(services, body.diagnosis_id, model))
     return needs
@@ -60,7 +60,7 @@ def create_report(services: Services, body: ReportRequest) -> Sequence[RestsOn]:
 @router.get(
     "/{report_id}/content",
     response_class=StreamingResponse,
-    responses={200: {"content": {one: {} for one in MEDIA_TYPES.values()}}},
+    responses={200: {"content": {media_type: {} for media_type in MEDIA_TYPES.values()}}},
 )
 def get_report_content(report_id: str, services: ServicesDep) -> StreamingResponse:
     """Give the document."""
@@ -75,11 +75,11 @@ def get_report_content(report_id: str, services: ServicesDep) -> StreamingRespon
 
 def _validation(services: Services, identifier: str, index: int, model: Resource) -> RestsOn:
     """The validation must be of this model, and have ended."""
-    at = f"/validation_ids/{index}"
-    validation = needed_result(services, "validation", identifier, at)
+    pointer = f"/validation_ids/{index}"
+    validation = needed_result(services, "validation", identifier, pointer)
     if validation.one("identification") != model.id:
-        raise unusable(f"the validation {identifier!r} is of another model", at)
-    return RestsOn(identifier, "validation", "validation", at)
+        raise unusable(f"the validation {identifier!r} is of another model", pointer)
+    return RestsOn(identifier, "validation", "validation", pointer)
 
 
 def _diagnosis(services: Services, identifier: str, model: Resource) -> RestsOn:

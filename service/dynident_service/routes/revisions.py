@@ -46,14 +46,14 @@ def _received(
     services: Services, measurement_id: str, body: RevisionRequest, folder: Path, key: Retry | None
 ) -> Received | Resource:
     parent = services.resources.get("measurement", measurement_id)
-    if (known := services.resources.known(key)) is not None:
-        return known
-    said, edits = _said(parent, body)
+    if (existing := services.resources.known(key)) is not None:
+        return existing
+    metadata, edits = _said(parent, body)
     original = original_of(parent)
     sha256 = original.key if parent.result is None else parent.result["sha256"]
-    robot = services.resources.get("robot", said.robot_id).request
+    robot = services.resources.get("robot", metadata.robot_id).request
     source = services.objects.path(original.key)
-    return Received(said, source, folder, sha256, key, robot, revised=parent, edits=edits)
+    return Received(metadata, source, folder, sha256, key, robot, revised=parent, edits=edits)
 
 
 def _said(parent: Resource, body: RevisionRequest) -> tuple[MeasurementMetadata, list[dict[str, Any]]]:
@@ -73,5 +73,7 @@ def _said(parent: Resource, body: RevisionRequest) -> tuple[MeasurementMetadata,
 
 def _of_body(problem: Problem) -> ProblemError:
     """What is wrong with a file, told by the fields of a revision: there is no form around them."""
-    fields = [one.model_copy(update={"pointer": one.pointer.removeprefix("/metadata")}) for one in problem.errors or []]
+    fields = [
+        field.model_copy(update={"pointer": field.pointer.removeprefix("/metadata")}) for field in problem.errors or []
+    ]
     return ProblemError.of(problem.model_copy(update={"errors": fields or None}))

@@ -29,10 +29,10 @@ async def create_robot(
     body: RobotRequest, request: Request, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> RobotView:
     """Store a robot; the answer has its joints and its base parameters."""
-    asked = {"request": plain(body)}
-    result = await services.awaited.call(request, "dynident_service.work.awaited:describe", dict, asked)
-    named = {one["name"] for one in result.get("meshes", ())}
-    objects = await inherited(request, services, body.meshes_of, named, plain(body))
+    arguments = {"request": plain(body)}
+    result = await services.awaited.call(request, "dynident_service.work.awaited:describe", dict, arguments)
+    mesh_names = {mesh["name"] for mesh in result.get("meshes", ())}
+    objects = await inherited(request, services, body.meshes_of, mesh_names, plain(body))
     new = NewResource("robot", plain(body), name=body.name, result=result, objects=objects, retry=retry.of(body))
     return await to_thread.run_sync(lambda: show(make(services, new, response)))
 

@@ -43,13 +43,13 @@ def create_series_of_days(services: Services, body: SeriesRequest) -> Sequence[R
             detail = f"{body.continues} is of another model; continue a series of {model.id}, or begin a new one."
             raise unusable(detail, "/continues")
         needs.append(RestsOn(earlier.id, "series", "continues", "/continues"))
-    used: set[str] = set()
+    used_ids: set[str] = set()
     for number, day in enumerate(body.days):
         pointer = f"/days/{number}/measurement_ids"
         for index, identifier in enumerate(day.measurement_ids):
-            if identifier in used:
+            if identifier in used_ids:
                 raise unusable(f"{identifier} is there twice; each measurement is of one day.", f"{pointer}/{index}")
-            used.add(identifier)
+            used_ids.add(identifier)
         needs += needed_measurements(services, robot, day.measurement_ids, "measurement", pointer)
     return needs
 
@@ -57,5 +57,5 @@ def create_series_of_days(services: Services, body: SeriesRequest) -> Sequence[R
 @router.get("/{series_id}/figure", response_class=Response, responses={200: {"content": {"image/svg+xml": {}}}})
 def get_courses_figure(series_id: str, services: ServicesDep) -> Response:
     """Draw every parameter's course, with its intervals."""
-    found = succeeded(services.resources.get("series", series_id))
-    return Response(services.objects.get(found.objects["figure"].key), media_type="image/svg+xml")
+    resource = succeeded(services.resources.get("series", series_id))
+    return Response(services.objects.get(resource.objects["figure"].key), media_type="image/svg+xml")

@@ -1,4 +1,4 @@
-"""Resources that were stored elsewhere, looked at as if they were asked for here."""
+"""Check of resources that another service stored: can this one show them."""
 
 from __future__ import annotations
 

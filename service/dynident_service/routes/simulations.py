@@ -38,7 +38,7 @@ def create_simulation(services: Services, body: SimulationRequest) -> Sequence[R
     return needs
 
 
-def _check(body: SimulationRequest, stored: Resource) -> None:
+def _check(body: SimulationRequest, robot_resource: Resource) -> None:
     """Refuse at once what would fail later."""
     with importing():
         from dynident.simulation import Simulated, check_acting
@@ -47,7 +47,7 @@ def _check(body: SimulationRequest, stored: Resource) -> None:
         from dynident_service.adapters.robots import robot_of
         from dynident_service.adapters.simulations import reference_of
 
-    robot = robot_of(stored.request)
+    robot = robot_of(robot_resource.request)
     check_acting(taken(body, Simulated), robot)
     if isinstance(body.trajectory, Samples):
         reference_of(body.trajectory)

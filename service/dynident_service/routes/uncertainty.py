@@ -29,26 +29,28 @@ async def get_essential_parameters(
     identification_id: str,
     request: Request,
     services: ServicesDep,
-    asked: Annotated[EssentialQuery, Query()],
+    query: Annotated[EssentialQuery, Query()],
 ) -> EssentialView:
     """Find the essential parameters by backward elimination, with the errors along the way."""
-    sent = {"model": await model_file(services, identification_id), "ratio": asked.ratio}
+    sent = {"model": await model_file(services, identification_id), "ratio": query.ratio}
     return EssentialView.model_validate(await services.awaited.call(request, f"{AWAITED}:essential", dict, sent))
 
 
 @router.get("/{identification_id}/correlation")
 async def get_correlation(identification_id: str, request: Request, services: ServicesDep) -> CorrelationView:
     """Show the correlation of the estimates, and say in words which of them the motion determines only together."""
-    asked = {"model": await model_file(services, identification_id)}
-    return CorrelationView.model_validate(await services.awaited.call(request, f"{AWAITED}:correlation", dict, asked))
+    arguments = {"model": await model_file(services, identification_id)}
+    return CorrelationView.model_validate(
+        await services.awaited.call(request, f"{AWAITED}:correlation", dict, arguments)
+    )
 
 
 async def model_file(services: Services, identifier: str) -> str:
     """Give the path of the file that holds an identified model; it must have succeeded."""
 
     def find() -> str:
-        found = succeeded(services.resources.get("identification", identifier))
-        return str(services.objects.path(found.objects["model"].key))
+        identification = succeeded(services.resources.get("identification", identifier))
+        return str(services.objects.path(identification.objects["model"].key))
 
     return await to_thread.run_sync(find)
 
@@ -58,28 +60,32 @@ async def get_verdict(identification_id: str, request: Request, services: Servic
     """Say for which uses a model is fit and why or why not; `stop` names the most probable cause of a gross mistake."""
 
     def find() -> dict[str, Any]:
-        found = succeeded(services.resources.get("identification", identification_id))
+        identification = succeeded(services.resources.get("identification", identification_id))
         return {
-            "fitted": [_measurement(services, one) for one in found.all("training")],
-            "held_out": [_measurement(services, one) for one in found.all("validation")],
+            "fitted": [_measurement(services, identifier) for identifier in identification.all("training")],
+            "held_out": [_measurement(services, identifier) for identifier in identification.all("validation")],
             "outcomes": _outcomes(services, identification_id),
         }
 
-    asked = {"model": await model_file(services, identification_id), **await to_thread.run_sync(find)}
+    arguments = {"model": await model_file(services, identification_id), **await to_thread.run_sync(find)}
     # A model and its measurements never change: what is said of them changes with its validations alone.
-    key = f"{identification_id} {json.dumps(asked['outcomes'])}"
-    if (known := services.verdicts.get(key)) is not None:
-        return known
-    judged = await services.awaited.call(request, JUDGE, dict, asked)
-    found = VerdictView.model_validate(judged)
-    services.verdicts.keep(key, found)
-    return found
+    key = f"{identification_id} {json.dumps(arguments['outcomes'])}"
+    if (cached := services.verdicts.get(key)) is not None:
+        return cached
+    answer = await services.awaited.call(request, JUDGE, dict, arguments)
+    verdict = VerdictView.model_validate(answer)
+    services.verdicts.keep(key, verdict)
+    return verdict
 
 
 def _outcomes(services: Services, identification_id: str) -> list[dict[str, Any]]:
     """How the newest validation of every kind ended."""
     page = services.resources.page("validation", MOST_OUTCOMES, on_id=identification_id)
-    newest = {one.request["kind"]: one.result for one in reversed(page.items) if one.result is not None}
+    newest = {
+        validation.request["kind"]: validation.result
+        for validation in reversed(page.items)
+        if validation.result is not None
+    }
     return [
         {"kind": kind, "verdict": result["verdict"], "reason": result["reason"]}
         for kind, result in sorted(newest.items())
@@ -87,14 +93,14 @@ def _outcomes(services: Services, identification_id: str) -> list[dict[str, Any]
     ]
 
 
-def refuse_stopped(found: Resource) -> None:
+def refuse_stopped(identification: Resource) -> None:
     """Raise a problem 409 for a model that its error, or held-out data of the fit, say not to use."""
     with importing():
         from dynident.identification.thresholds import STOP
 
-    result = IdentificationResult.model_validate(found.result)
-    errors = [one.relative_total for one in (result.validation, result.residual) if one is not None]
-    worst = max((one for one in errors if one is not None), default=0.0)
+    result = IdentificationResult.model_validate(identification.result)
+    errors = [figures.relative_total for figures in (result.validation, result.residual) if figures is not None]
+    worst = max((error for error in errors if error is not None), default=0.0)
     if result.copied:
         detail = (
             f"The held-out data of this model ({', '.join(result.copied)}) hold samples that it was fitted to: nothing "
@@ -104,14 +110,14 @@ def refuse_stopped(found: Resource) -> None:
     if worst > STOP:
         detail = (
             f"The error of this model is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect "
-            f"(GET /v1/identifications/{found.id}/verdict says what it may be). To export it all the same, say "
-            "anyway=true."
+            f"(GET /v1/identifications/{identification.id}/verdict says what it may be). To export it all the same, "
+            "say anyway=true."
         )
         raise ProblemError(409, detail, title="Not fit for use")
 
 
 def _measurement(services: Services, identifier: str) -> dict[str, Any]:
-    found = services.resources.get("measurement", identifier)
-    path = services.objects.path(found.objects["recording"].key)
-    checks = [] if found.result is None else found.result["checks"]
-    return {"id": found.id, "recording": str(path), "request": dict(found.request), "checks": checks}
+    measurement = services.resources.get("measurement", identifier)
+    path = services.objects.path(measurement.objects["recording"].key)
+    checks = [] if measurement.result is None else measurement.result["checks"]
+    return {"id": measurement.id, "recording": str(path), "request": dict(measurement.request), "checks": checks}

@@ -1,4 +1,4 @@
-"""Files on their way in: whether there is room for them, their bytes, and what they are."""
+"""Uploaded files: room for them, their content, their hash and their media type."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ def receive(services: Services, files: Sequence[UploadFile], target: Path) -> No
 
 
 def sha256_of(path: Path) -> str:
-    """The hash of a file, in hex."""
+    """Return the SHA-256 of a file, in hex."""
     with path.open("rb") as opened:
         return digest(opened)[0]
 
 
 def media_type_of(source: Path) -> str:
-    """What a file is, for whoever fetches it."""
+    """Return the media type of a file, by its first bytes."""
     with source.open("rb") as opened:
         start = opened.read(16)
     if start.startswith(b"PAR1"):

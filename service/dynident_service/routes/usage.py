@@ -28,18 +28,18 @@ def get_usage(request: Request, services: ServicesDep) -> UsageView:
 
 def _all(services: Services) -> UsageView:
     defaults = limits_of(services.settings)
-    limits: dict[str | None, Limits] = {one.name: one.limits.or_else(defaults) for one in list_keys(services.database)}
+    limits: dict[str | None, Limits] = {key.name: key.limits.or_else(defaults) for key in list_keys(services.database)}
     limits[None] = Limits()
     if (account := acting()) is not None:
         limits[account.name] = account.limits
     with services.database.read() as session:
-        used = uses(session)
-    names = sorted(used.keys() | limits.keys(), key=lambda name: (name is None, name or ""))
-    return UsageView(items=[_show(name, used.get(name, Use()), limits.get(name, defaults)) for name in names])
+        used_by_name = uses(session)
+    names = sorted(used_by_name.keys() | limits.keys(), key=lambda name: (name is None, name or ""))
+    return UsageView(items=[_show(name, used_by_name.get(name, Use()), limits.get(name, defaults)) for name in names])
 
 
-def _show(name: str | None, used: Use, limits: Limits) -> KeyUsage:
+def _show(name: str | None, use: Use, limits: Limits) -> KeyUsage:
     of_bytes, recordings, jobs = (
-        Quota(used=number, allowed=most or None) for number, most in zip(astuple(used), astuple(limits), strict=True)
+        Quota(used=number, allowed=limit or None) for number, limit in zip(astuple(use), astuple(limits), strict=True)
     )
     return KeyUsage(key=name, bytes=of_bytes, recordings=recordings, jobs=jobs)

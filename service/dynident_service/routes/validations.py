@@ -19,14 +19,14 @@ from dynident_service.storage.records import NewJob, Resource, RestsOn
 router = APIRouter(prefix="/v1/validations", tags=["validations"])
 
 
-def _tables(services: Services, found: Resource) -> list[Table]:
+def _tables(services: Services, resource: Resource) -> list[Table]:
     with importing():
         from dynident_service.adapters.tables import show_tables
         from dynident_service.adapters.validation_tables import tables_of
 
-    model = services.resources.get("identification", found.one("identification"))
+    model = services.resources.get("identification", resource.one("identification"))
     joints = [] if model.result is None else model.result["joints"]
-    return show_tables(tables_of(ValidationResult.model_validate(found.result), joints))
+    return show_tables(tables_of(ValidationResult.model_validate(resource.result), joints))
 
 
 @asked_for(
@@ -55,28 +55,32 @@ def _check_fields(body: ValidationRequest) -> None:
 
 
 def _measurements(services: Services, body: ValidationRequest, model: Resource) -> tuple[RestsOn, ...]:
-    asked = StoredIdentification.model_validate(model.request)
+    model_request = StoredIdentification.model_validate(model.request)
     robot = services.resources.get("robot", model.one("robot"))
-    chosen = _chosen(body, asked, _motions(services, asked.measurement_ids))
+    chosen_ids = _chosen(body, model_request, _motions(services, model_request.measurement_ids))
     if body.kind in ("cross", "methods"):
-        for index, identifier in enumerate(chosen):
-            if identifier in asked.measurement_ids:
+        for index, identifier in enumerate(chosen_ids):
+            if identifier in model_request.measurement_ids:
                 detail = f"the model was identified from {identifier!r}; give data that it has not seen"
                 raise unusable(detail, f"/measurement_ids/{index}")
-    needs = needed_measurements(services, robot, chosen, "measurement", "/measurement_ids")
+    needs = needed_measurements(services, robot, chosen_ids, "measurement", "/measurement_ids")
     if body.kind == "payload":
-        _check_loads(services, body, chosen, asked)
-        needs += needed_measurements(services, robot, _motions(services, asked.measurement_ids), "training", "/")
+        _check_loads(services, body, chosen_ids, model_request)
+        needs += needed_measurements(
+            services, robot, _motions(services, model_request.measurement_ids), "training", "/"
+        )
     if body.kind == "methods":
-        needs += needed_measurements(services, robot, asked.measurement_ids, "training", "/identification_id")
+        needs += needed_measurements(services, robot, model_request.measurement_ids, "training", "/identification_id")
     return needs
 
 
-def _check_loads(services: Services, body: ValidationRequest, loaded: list[str], asked: StoredIdentification) -> None:
+def _check_loads(
+    services: Services, body: ValidationRequest, loaded: list[str], model_request: StoredIdentification
+) -> None:
     """The runs with the load must not be those without it, and somebody must say what it weighs."""
     mass = body.model_dump(include={"mass"})["mass"]
     for index, identifier in enumerate(loaded):
-        if identifier in asked.measurement_ids:
+        if identifier in model_request.measurement_ids:
             detail = f"the model was identified from {identifier!r}; give runs with the load"
             raise unusable(detail, f"/measurement_ids/{index}")
         payload = services.resources.get("measurement", identifier).request.get("payload") or {}
@@ -86,32 +90,34 @@ def _check_loads(services: Services, body: ValidationRequest, loaded: list[str],
 
 def _motions(services: Services, identifiers: list[str]) -> list[str]:
     """Measurements of motions, without the tests of single joints' friction among them."""
-    roles = {one: services.resources.get("measurement", one).request.get("role") for one in identifiers}
-    return [one for one in identifiers if roles[one] != "friction"]
+    roles = {
+        identifier: services.resources.get("measurement", identifier).request.get("role") for identifier in identifiers
+    }
+    return [identifier for identifier in identifiers if roles[identifier] != "friction"]
 
 
-def _chosen(body: ValidationRequest, asked: StoredIdentification, motions: list[str]) -> list[str]:
+def _chosen(body: ValidationRequest, model_request: StoredIdentification, motions: list[str]) -> list[str]:
     """The measurements that the test is made on; `motions` of those that the model was identified from."""
-    given = body.measurement_ids
+    stated_ids = body.measurement_ids
     match body.kind:
         case "direct":
             return motions
         case "inertia_matrix" | "bootstrap":
             return []
         case "cross":
-            if not (given or asked.validation_ids):
+            if not (stated_ids or model_request.validation_ids):
                 raise unusable("the model has no validation data; give measurement_ids", "/measurement_ids")
-            return given or asked.validation_ids
+            return stated_ids or model_request.validation_ids
         case "methods":
-            return given or asked.validation_ids
+            return stated_ids or model_request.validation_ids
         case "payload":
-            if not given:
+            if not stated_ids:
                 raise unusable("give the measurements with the load", "/measurement_ids")
-            return given
+            return stated_ids
         case "simulation":
-            return given or (asked.validation_ids or motions)[:1]
+            return stated_ids or (model_request.validation_ids or motions)[:1]
         case "filters":
-            if given is not None and len(given) > 1:
+            if stated_ids is not None and len(stated_ids) > 1:
                 raise unusable("filters are chosen on one measurement; give one", "/measurement_ids/1")
-            return given or motions[:1]
+            return stated_ids or motions[:1]
     raise unusable(f"there is no validation {body.kind!r}", "/kind")

@@ -1,1 +1,1 @@
-"""Where the service keeps things: a database for what is small, an object store for what is large."""
+"""Storage of the service: a database for small values and rows, an object store for large files."""

@@ -1,12 +1,13 @@
-"""An archive of what is stored: rows of tables as lines of JSON and objects under their hashes, in a folder or a ZIP.
+"""Archive format of stored data: table rows as JSON lines and objects under their hashes, in a folder or a ZIP.
 
-    manifest.json                 what it is, which version wrote it, and where its tables are
-    tables-<number>/resources.jsonl one row a line, by names of columns
-    objects/<sha256>              the bytes
+    manifest.json                   content, version of the writer, and folder of the tables
+    tables-<number>/resources.jsonl one row per line, by column name
+    objects/<sha256>                the bytes
 
-The manifest is the one switch: it is written last and takes its name in one step. Tables have a new name each time, and
-an object never changes, so that an archive which is written over an older one leaves that whole until then. It belongs
-to no kind of database or store: what was written from SQLite is read into PostgreSQL, and the other way.
+The manifest is written last and replaced atomically, so it alone decides what the archive contains. Each backup writes
+its tables into a new folder, and an object never changes; writing over an older archive therefore leaves the older one
+intact until the new manifest is in place. The format is independent of the database and of the object store: an archive
+written from SQLite can be restored into PostgreSQL, and the other way round.
 """
 
 from __future__ import annotations
@@ -34,24 +35,27 @@ from dynident.version import __version__
 from dynident_service.storage.tables import UtcDateTime
 
 FORMAT = 2
+"""Version of the format that this code writes."""
 READABLE = (1, 2)
-"""The first had its tables in the folder `tables`, always."""
+"""Versions that can be read. Version 1 always had its tables in the folder `tables`."""
 CHUNK = 1 << 20
+"""Bytes that are read at a time."""
 LONGEST_ROW = 64 * CHUNK
-"""Bytes of a line; the largest body of a request makes less."""
+"""Upper limit in bytes for one line; the largest request body that the service accepts gives a shorter one."""
 DENSEST = 200
-"""A ZIP whose files are so many times as large as itself holds nothing but a trap: recordings and tables pack to a
-twentieth at best."""
+"""Largest ratio of unpacked to packed size. A ZIP beyond it is taken for a decompression bomb: recordings and tables
+compress to a twentieth at best.
+"""
 LISTED = 200
-"""More bytes than the list of a ZIP needs for each file of ours."""
+"""Bytes of the ZIP directory per file; entries of our own archives need less."""
 LAST = 66_000
-"""Bytes at the end of a ZIP, among which it says how long its list is."""
+"""Bytes at the end of a ZIP that are searched for the record with the size of its directory."""
 NO_SIZE = 2**32 - 1
-"""Where a longer record says it."""
+"""Marker in the short end record of a ZIP: the actual size stands in the ZIP64 record."""
 _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError, RuntimeError, OSError)
-"""What comes of a ZIP that is cut, locked, packed in a way that nobody knows, or made by hand."""
+"""Exceptions raised while reading a ZIP that is truncated, encrypted, packed by an unknown method or forged."""
 TABLES = "tables"
-"""The folder of the tables in a ZIP, which is written but once, and in archives of the first format."""
+"""Folder of the tables in a ZIP, which is written only once, and in archives of version 1."""
 _TABLES = re.compile(r"tables(-[0-9a-f]{16})?")
 _OBJECT = re.compile(r"([0-9a-f]{64})(\.part)?")
 Row = dict[str, object]
@@ -59,19 +63,27 @@ Content = Literal["everything", "robot"]
 
 
 class Folder:
-    """Files in a folder, each there under its name once it is whole."""
+    """Archive in a folder; a file appears under its name only when it is complete."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self.tables = TABLES
-        """The folder of the tables; the manifest says which."""
+        """Folder of the tables, as the manifest names it."""
 
     def begin_tables(self) -> None:
-        """Have the tables written into a folder that there is none of yet."""
+        """Choose a new, unused folder for the tables."""
         self.tables = f"{TABLES}-{secrets.token_hex(8)}"
 
     def clean(self, tables: str | None, keys: Collection[str] | None = None) -> None:
-        """Remove what belongs to no archive here: tables but these, files that were cut, objects but these if given."""
+        """Remove what belongs to no archive in this folder.
+
+        Parameters
+        ----------
+        tables : str or None
+            Folder of tables to leave; all others are removed.
+        keys : collection of str, optional
+            Objects to leave; all others are removed. Without it only unfinished files go.
+        """
         for path in self._path.glob(f"{TABLES}*"):
             if _TABLES.fullmatch(path.name) and path.name != tables:
                 shutil.rmtree(path)
@@ -81,61 +93,62 @@ class Folder:
                 path.unlink()
 
     def write(self, name: str) -> AbstractContextManager[IO[bytes]]:
-        """Open a file to write it."""
+        """Open a file for writing."""
         path = self._path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         return _Whole(path)
 
     def read(self, name: str) -> AbstractContextManager[IO[bytes]]:
-        """Open a file to read it; FileNotFoundError where it is not there."""
+        """Open a file for reading; raise FileNotFoundError if there is none."""
         return (self._path / name).open("rb")
 
     def size(self, name: str) -> int | None:
-        """Tell how large a file is; `None` where it is not there."""
+        """Return the size of a file in bytes, or None if there is none."""
         path = self._path / name
         return path.stat().st_size if path.is_file() else None
 
     def check(self) -> None:
-        """Do nothing: what lies in a folder has its size already."""
+        """Do nothing: files in a folder are not compressed."""
 
 
 class Zipped:
-    """Files in a ZIP, which holds them as they are."""
+    """Archive in a ZIP file, without compression."""
 
     def __init__(self, zipped: zipfile.ZipFile) -> None:
         self._zipped = zipped
         self.tables = TABLES
 
     def write(self, name: str) -> AbstractContextManager[IO[bytes]]:
-        """Open a file to write it."""
+        """Open a file for writing."""
         return self._zipped.open(name, "w", force_zip64=True)
 
     def read(self, name: str) -> AbstractContextManager[IO[bytes]]:
-        """Open a file to read it; KeyError where it is not there."""
+        """Open a file for reading; raise KeyError if there is none."""
         return self._zipped.open(name)
 
     def size(self, name: str) -> int | None:
-        """Tell how large a file is."""
+        """Return the size of a file in bytes, or None if there is none."""
         try:
             return self._zipped.getinfo(name).file_size
         except KeyError:
             return None
 
     def check(self) -> None:
-        """Raise DynidentError where the files are a trap."""
+        """Raise DynidentError if the ZIP is a decompression bomb."""
         file = self._zipped.fp
         whole = 0 if file is None else file.seek(0, os.SEEK_END)
-        unpacked = sum(one.file_size for one in self._zipped.infolist())
+        # The ZIP states the unpacked sizes itself, so nothing has to be unpacked to find a bomb.
+        unpacked = sum(member.file_size for member in self._zipped.infolist())
         if unpacked > DENSEST * whole:
             raise unusable(f"it has {whole} bytes and would be unpacked to {unpacked}")
 
 
 Files = Folder | Zipped
-"""Named files, in a folder or in a ZIP."""
+"""Named files of an archive, in a folder or in a ZIP."""
 
 
 class _Whole:
-    """A file that gets its name when all of it is on the disk."""
+    """Context manager for a file that gets its name only once all its bytes are on the disk."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -146,6 +159,7 @@ class _Whole:
         return self._file
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        # The bytes must be on the disk before the name is: after a power cut a name without content would look valid.
         with self._file:
             self._file.flush()
             os.fsync(self._file.fileno())
@@ -157,7 +171,7 @@ class _Whole:
 
 
 def _write_names(folder: Path) -> None:
-    """Have the names of the files in a folder on the disk, too: a manifest must not be there before what it names."""
+    """Flush the entries of a folder, so that a manifest never reaches the disk before the files that it names."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -166,10 +180,11 @@ def _write_names(folder: Path) -> None:
 
 
 def check_listing(source: Path, most: int) -> None:
-    """Raise DynidentError for a ZIP that lists far more files than these, before the list is in memory."""
+    """Raise DynidentError for a ZIP that lists far more than `most` files, before its directory is read into memory."""
     with source.open("rb") as file:
         file.seek(max(0, file.seek(0, os.SEEK_END) - LAST))
         end = file.read()
+    # The end record of a ZIP and its ZIP64 counterpart: signature, offset of the directory's size, and its format.
     for mark, place, form in ((b"PK\5\6", 12, "<L"), (b"PK\6\6", 40, "<Q")):
         at = end.rfind(mark)
         if at >= 0 and len(end) >= at + place + struct.calcsize(form):
@@ -179,7 +194,22 @@ def check_listing(source: Path, most: int) -> None:
 
 
 def write_rows(files: Files, table: str, rows: Iterable[Mapping[str, object]]) -> int:
-    """Write the rows of a table; tells how many."""
+    """Write the rows of a table as JSON lines.
+
+    Parameters
+    ----------
+    files : Folder or Zipped
+        Archive.
+    table : str
+        Name of the table.
+    rows : iterable of mapping
+        Values by column name.
+
+    Returns
+    -------
+    int
+        Number of rows.
+    """
     number = 0
     with files.write(f"{files.tables}/{table}.jsonl") as file:
         for row in rows:
@@ -189,17 +219,34 @@ def write_rows(files: Files, table: str, rows: Iterable[Mapping[str, object]]) -
 
 
 def read_rows(files: Files, table: Table) -> Iterator[Row]:
-    """Read the rows of a table, those of its columns that there are; none where the archive has no such table.
+    """Read the rows of a table from an archive.
 
-    Raises DynidentError for a line that is no row.
+    Parameters
+    ----------
+    files : Folder or Zipped
+        Archive.
+    table : Table
+        Table as this version has it; columns that it does not have are left out.
+
+    Yields
+    ------
+    dict
+        Values by column name; nothing if the archive lacks the table.
+
+    Raises
+    ------
+    DynidentError
+        If a line is no row.
     """
     name = f"{files.tables}/{table.name}.jsonl"
     if files.size(name) is None:
         return
+    # JSON has no type for times, so they are restored by the type of the column.
     times = {column.name: isinstance(column.type, UtcDateTime) for column in table.columns}
     number = 0
     try:
         with files.read(name) as file:
+            # The limit keeps a hostile file with one endless line from filling the memory.
             while line := file.readline(LONGEST_ROW):
                 number += 1
                 yield _row(line, times)
@@ -210,18 +257,18 @@ def read_rows(files: Files, table: Table) -> Iterator[Row]:
 def _row(line: bytes, times: Mapping[str, bool]) -> Row:
     if len(line) >= LONGEST_ROW:
         raise ValueError("too long")
-    said = json.loads(line)
-    if not isinstance(said, dict):
+    values = json.loads(line)
+    if not isinstance(values, dict):
         raise TypeError("no object")
     return {
         name: datetime.fromisoformat(value) if times[name] and value is not None else value
-        for name, value in said.items()
+        for name, value in values.items()
         if name in times
     }
 
 
 def write_object(files: Files, key: str, chunks: Iterable[bytes]) -> None:
-    """Write an object; DynidentError where it is not what it should be."""
+    """Write an object, and raise DynidentError if its bytes do not have the hash that is its key."""
     with files.write(f"objects/{key}") as file:
         sha256 = hashlib.sha256()
         for chunk in chunks:
@@ -232,7 +279,18 @@ def write_object(files: Files, key: str, chunks: Iterable[bytes]) -> None:
 
 
 def read_object(files: Files, key: str, target: IO[bytes]) -> int:
-    """Copy an object out of the archive, compared with its hash; tells its size."""
+    """Copy an object from the archive to `target` and compare it with its hash.
+
+    Returns
+    -------
+    int
+        Size in bytes.
+
+    Raises
+    ------
+    DynidentError
+        If the object is missing or damaged.
+    """
     sha256, size = hashlib.sha256(), 0
     for chunk in _pieces(files, key):
         sha256.update(chunk)
@@ -252,7 +310,7 @@ def _pieces(files: Files, key: str) -> Iterator[bytes]:
 
 
 class Manifest(TypedDict):
-    """What an archive is: its content, of what service, and how many rows of each table."""
+    """Manifest of an archive: content, version of the writer, database revision, and number of rows of each table."""
 
     dynident_archive: int
     content: Content
@@ -266,8 +324,22 @@ class Manifest(TypedDict):
 def write_manifest(
     files: Files, content: Content, revision: str, counts: Mapping[str, int], subject: str | None = None
 ) -> None:
-    """Write what the archive is; last, as an archive without it is not whole."""
-    said: Manifest = {
+    """Write the manifest. This is the last step: an archive without a manifest is incomplete.
+
+    Parameters
+    ----------
+    files : Folder or Zipped
+        Archive.
+    content : {"everything", "robot"}
+        Kind of archive.
+    revision : str
+        Migration of the database that the rows are from.
+    counts : mapping of str to int
+        Number of rows by table.
+    subject : str, optional
+        Id of the robot whose bundle it is.
+    """
+    manifest: Manifest = {
         "dynident_archive": FORMAT,
         "content": content,
         "dynident": __version__,
@@ -277,25 +349,37 @@ def write_manifest(
         "counts": dict(counts),
     }
     with files.write("manifest.json") as file:
-        file.write(json.dumps(said, indent=1).encode())
+        file.write(json.dumps(manifest, indent=1).encode())
 
 
 def tables_of(folder: Folder) -> str | None:
-    """Tell where the tables of a whole archive in a folder are; None where there is no archive yet."""
+    """Return the folder of the tables of a complete archive in a folder, or None if there is no archive yet."""
     try:
         with folder.read("manifest.json") as file:
-            said = json.loads(file.read(CHUNK))
+            manifest = json.loads(file.read(CHUNK))
     except FileNotFoundError:
         return None
     except ValueError as error:
         raise unusable("its manifest is damaged; write into another folder") from error
-    return str(said.get("tables", TABLES)) if isinstance(said, dict) else None
+    return str(manifest.get("tables", TABLES)) if isinstance(manifest, dict) else None
 
 
 def read_manifest(files: Files, content: Content, known: Iterable[str]) -> Manifest:
-    """Read what the archive is, and where its tables are.
+    """Read the manifest, and set `files.tables` by it.
 
-    DynidentError unless it is of that content and a version that is known here.
+    Parameters
+    ----------
+    files : Folder or Zipped
+        Archive.
+    content : {"everything", "robot"}
+        Kind of archive that is expected.
+    known : iterable of str
+        Migrations that this version knows.
+
+    Raises
+    ------
+    DynidentError
+        If the archive is incomplete, of another kind, or from a newer version.
     """
     try:
         with files.read("manifest.json") as file:
@@ -304,28 +388,29 @@ def read_manifest(files: Files, content: Content, known: Iterable[str]) -> Manif
         raise DynidentError(
             "this is no whole archive of dynident: it has no manifest", title="Unusable archive"
         ) from error
-    said = read if isinstance(read, dict) else {}
-    if said.get("dynident_archive") not in READABLE or str(said.get("revision")) not in known:
-        written = said.get("dynident")
+    fields = read if isinstance(read, dict) else {}
+    if fields.get("dynident_archive") not in READABLE or str(fields.get("revision")) not in known:
+        written = fields.get("dynident")
         detail = (
             f"the archive was written by dynident {written}, which is newer than this one ({__version__}); update first"
         )
         raise DynidentError(detail, title="Unusable archive")
-    if said.get("content") != content:
+    if fields.get("content") != content:
         does = {"everything": "`dynident restore` reads it", "robot": "`dynident import-robot` reads it"}
         detail = (
-            f"the archive holds {said.get('content')}; {does.get(str(said.get('content')), 'it is of no use here')}"
+            f"the archive holds {fields.get('content')}; {does.get(str(fields.get('content')), 'it is of no use here')}"
         )
         raise DynidentError(detail, title="Unusable archive")
-    files.tables = str(said.get("tables", TABLES))
+    files.tables = str(fields.get("tables", TABLES))
+    # The name comes from outside: a path in it must not lead out of the archive.
     if not _TABLES.fullmatch(files.tables):
         raise unusable(f"{files.tables[:80]!r} is no folder of tables")
-    found: Manifest = read
-    return found
+    manifest: Manifest = read
+    return manifest
 
 
 def unusable(detail: str) -> DynidentError:
-    """Say that an archive cannot be used, and why."""
+    """Return the error for an archive that cannot be used."""
     return DynidentError(f"the archive cannot be used: {detail}", title="Unusable archive")
 
 

@@ -1,4 +1,4 @@
-"""Backup of all that is stored, beside the running service, and restoring it after a loss of everything."""
+"""Backup of all stored data while the service runs, and its restoration after a loss."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ from dynident_service.storage.tables import OBJECTS, CheckpointRow, ObjectRow, R
 from dynident_service.storage.tables import Table as Base
 
 AT_ONCE = 500
-"""Rows that are read or written at a time."""
+"""Rows that are read or written per statement."""
 ZIP = ".zip"
 
 
 @dataclass(frozen=True)
 class Amount:
-    """How much was written or read."""
+    """Numbers of rows, objects and bytes that were written or read."""
 
     rows: int
     objects: int
@@ -56,12 +56,14 @@ class Amount:
 
 @contextmanager
 def files_to_write(target: Path) -> Iterator[Files]:
-    """Open an archive: a ZIP where the name ends in .zip, else a folder. Either is there once its manifest is.
+    """Open an archive for writing: a ZIP if the name ends in .zip, else a folder.
+
+    The archive is valid once its manifest is written.
 
     Raises
     ------
     DynidentError
-        While another process writes the same.
+        While another process writes the same archive.
     """
     if target.suffix.lower() != ZIP:
         target.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -86,7 +88,7 @@ def files_to_write(target: Path) -> Iterator[Files]:
 
 @contextmanager
 def _open_alone(path: Path, flags: int) -> Iterator[int]:
-    """Open a file or a folder that no other process has open in this way; the system ends this with the process."""
+    """Open a file or folder under an exclusive lock; the operating system releases it even if the process is killed."""
     handle = os.open(path, flags, 0o600)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -99,7 +101,13 @@ def _open_alone(path: Path, flags: int) -> Iterator[int]:
 
 @contextmanager
 def files_to_read(source: Path, most: int | None = None) -> Iterator[Files]:
-    """Open an archive to read it; DynidentError where there is none, or one of far more files than `most`."""
+    """Open an archive for reading.
+
+    Raises
+    ------
+    DynidentError
+        If there is none, or if a ZIP has far more than `most` files.
+    """
     if source.is_dir():
         yield Folder(source)
         return
@@ -116,20 +124,37 @@ def files_to_read(source: Path, most: int | None = None) -> Iterator[Files]:
 
 
 def back_up(database: Database, objects: ObjectStore, target: Path) -> Amount:
-    """Write all that is stored into an archive; into a folder that has one, only the objects that are new.
+    """Write all stored data into an archive; an existing folder only gets the objects that are new.
 
-    All rows are of one moment. Most objects are copied before it, since that may take hours, and what is deleted
-    meanwhile is kept for a while only; the few that came meanwhile after it. A process that is killed at any instant
-    leaves the archive of before whole, and the next one removes what it left.
+    All rows are of one instant. Most objects are copied before that instant, as this may take hours; objects that are
+    deleted in the meantime stay in the store for a while, and those that were added in the meantime are copied
+    afterwards. A process that is killed leaves the previous archive intact, and the next backup removes the remains.
+
+    Parameters
+    ----------
+    database : Database
+        Source of the rows.
+    objects : ObjectStore
+        Source of the objects.
+    target : Path
+        Folder, or file with the suffix .zip.
+
+    Returns
+    -------
+    Amount
+        What the archive contains.
     """
     with files_to_write(target) as files:
         if isinstance(files, Folder):
+            # Remove the remains of a backup that was killed, before the disk is needed for the new one.
             files.clean(tables_of(files))
         with database.engine.connect() as connection:
             owned = _owned(connection)
         for key, size in owned.items():
-            with contextlib.suppress(ProblemError):  # deleted since; of any other the second round says it
+            with contextlib.suppress(ProblemError):  # deleted meanwhile; the second round finds all others
                 _copy(objects, files, key, size)
+        # Rows and the list of owned objects come from one snapshot, so that no row names an object that is not copied
+        # below.
         with database.one_moment() as connection:
             counts = {table.name: write_rows(files, table.name, _rows(connection, table)) for table in tables()}
             owned = _owned(connection)
@@ -143,7 +168,7 @@ def back_up(database: Database, objects: ObjectStore, target: Path) -> Amount:
 
 
 def _owned(connection: Connection) -> dict[str, int]:
-    """The size of each object that belongs to a resource, by its key."""
+    """Return the sizes in bytes of all objects that belong to a resource, by key."""
     rows = connection.execute(select(ObjectRow.key, ObjectRow.size).distinct()).all()
     return {row.key: row.size for row in rows}
 
@@ -154,21 +179,27 @@ def _copy(objects: ObjectStore, files: Files, key: str, size: int) -> None:
 
 
 def restore(database: Database, objects: ObjectStore, source: Path, scratch: Path) -> Amount:
-    """Read all of an archive into an empty database (brought up to date) and its object store.
+    """Read an archive into an empty database, which has all migrations, and into its object store.
 
-    What was being computed is queued again. DynidentError where there is something already, or the archive is cut.
+    Jobs that were running when the backup was made are queued again.
+
+    Raises
+    ------
+    DynidentError
+        If the database is not empty, or the archive is truncated or damaged.
     """
     with files_to_read(source) as files:
         with database.engine.connect() as connection:
-            said = read_manifest(files, "everything", known_revisions(connection))
+            manifest = read_manifest(files, "everything", known_revisions(connection))
             if connection.execute(select(ResourceRow.id).limit(1)).first() is not None:
                 detail = "there is data already; restore into an empty data directory (and database)"
                 raise DynidentError(detail, title="Not empty")
         owned: Iterable[dict[str, Any]] = read_rows(files, OBJECTS)
         keys = sorted({(row["key"], row["size"]) for row in owned})
+        # Objects before rows: a restoration that is cut off leaves a database that is still empty, and can be repeated.
         size = sum(put_object(files, objects, key, scratch) for key, _ in keys)
         try:
-            read = _read_tables(database, files, said["counts"])
+            read = _read_tables(database, files, manifest["counts"])
         except (IntegrityError, StatementError, ValueError, TypeError) as error:
             detail = f"the archive is cut or damaged: {reason_of(error)}"
             raise DynidentError(detail, title="Unusable archive") from error
@@ -177,6 +208,7 @@ def restore(database: Database, objects: ObjectStore, source: Path, scratch: Pat
 
 def _read_tables(database: Database, files: Files, counts: Mapping[str, int]) -> dict[str, int]:
     with database.engine.execution_options(**{WRITES: True}).begin() as connection:
+        # In reverse order, as rows refer to rows of earlier tables.
         for table in reversed(tables()):
             connection.execute(table.delete())
         read = {table.name: _insert(connection, table, files) for table in tables()}
@@ -188,7 +220,13 @@ def _read_tables(database: Database, files: Files, counts: Mapping[str, int]) ->
 
 
 def put_object(files: Files, objects: ObjectStore, key: str, scratch: Path) -> int:
-    """Copy an object of an archive into the store; tells its size."""
+    """Copy an object of an archive into the object store.
+
+    Returns
+    -------
+    int
+        Size in bytes.
+    """
     scratch.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=scratch) as file:
         size = read_object(files, key, file)
@@ -197,17 +235,20 @@ def put_object(files: Files, objects: ObjectStore, key: str, scratch: Path) -> i
 
 
 def tables() -> list[Table]:
-    """All tables that are kept, those first that others refer to; a checkpoint only saves time."""
+    """Return the tables that a backup contains, in the order of their foreign keys.
+
+    Checkpoints are left out, as they only save time.
+    """
     return [table for table in Base.metadata.sorted_tables if table.name != CheckpointRow.__tablename__]
 
 
 def revision_of(connection: Connection) -> str:
-    """The migration that a database is at."""
+    """Return the migration that a database is at."""
     return str(connection.execute(text("SELECT version_num FROM alembic_version")).scalar_one())
 
 
 def known_revisions(connection: Connection) -> set[str]:
-    """All migrations that this version knows: archives of these can be read."""
+    """Return all migrations that this version knows; archives of any of them can be read."""
     scripts = ScriptDirectory.from_config(configuration(connection))
     return {script.revision for script in scripts.walk_revisions()}
 
@@ -231,14 +272,14 @@ def _insert(connection: Connection, table: Table, files: Files) -> int:
 
 
 def _at_rest(job: dict[str, Any]) -> dict[str, Any]:
-    """A job that nobody works on any more: what had not ended waits again."""
+    """Return the row of a job that nobody works on: a job that had not ended is queued again."""
     if job["state"] in FINAL:
         return job
     return {**job, "state": "queued", "lease_until": None, "started_at": None, "fraction": 0.0, "message": ""}
 
 
 def _count_on(connection: Connection) -> None:
-    """Have PostgreSQL number further events after those that were read."""
+    """Set PostgreSQL's sequence of event ids, which explicit ids do not advance, to the largest id that was read."""
     if connection.dialect.name == "postgresql":
         events = Base.metadata.tables["job_events"]
         last = connection.execute(select(func.max(events.c.id))).scalar_one()

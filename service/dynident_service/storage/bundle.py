@@ -1,4 +1,4 @@
-"""The bundle of one robot: its description, recordings, models, ladders, diagnoses and reports, for another service."""
+"""Bundle of one robot for another service: its description, recordings, models, ladders, diagnoses and reports."""
 
 from __future__ import annotations
 
@@ -47,18 +47,26 @@ PARTS: tuple[tuple[Any, Any], ...] = (
     (ObjectRow, ObjectRow.resource_id),
     (JobRow, JobRow.resource_id),
 )
+"""Tables of a bundle, each with the column that holds the id of a resource."""
 TABLES = (*(table for table, _ in PARTS), JobEventRow)
 _Row = dict[str, Any]
 _ID = re.compile("([a-z]{3})_[0-9a-hjkmnp-tv-z]{26}")
 _KEY = re.compile("[0-9a-f]{64}")
 _MEDIA_TYPE = re.compile(r"[\w.+-]+/[\w.+-]+(; ?[\w-]+=[\w.-]+)*", re.ASCII)
 EVENTS = frozenset({"state", "progress"})
+"""Names of events that a job may have."""
 MOST_FILES = 100_000
-"""A robot has a few for each recording and each model."""
+"""Upper limit for the files of a bundle: a robot has a few for each recording and each model."""
 
 
 def export_robot(database: Database, objects: ObjectStore, robot_id: str, target: Path) -> Amount:
-    """Write the archive of a robot into a file, which is there once it is whole."""
+    """Write the bundle of a robot into a file, which appears once it is complete.
+
+    Raises
+    ------
+    DynidentError
+        If there is no such robot.
+    """
     bundle = Bundle(database, objects, robot_id)
     unfinished = target.with_name(target.name + ".part")
     try:
@@ -71,14 +79,18 @@ def export_robot(database: Database, objects: ObjectStore, robot_id: str, target
 
 
 class Bundle:
-    """The archive of a robot and of all that rests on it, but for what is still being computed.
+    """Bundle of a robot and of all resources that depend on it, except for those whose job has not ended.
 
-    Raises DynidentError where there is no such robot.
+    Raises
+    ------
+    DynidentError
+        If there is no such robot.
     """
 
     def __init__(self, database: Database, objects: ObjectStore, robot_id: str) -> None:
         self._objects = objects
         self._robot_id = robot_id
+        # One snapshot, so that no row refers to one that was deleted in between.
         with database.one_moment() as connection:
             if connection.execute(select(ResourceRow.kind).where(ResourceRow.id == robot_id)).scalar() != "robot":
                 raise DynidentError(f"there is no robot {robot_id!r}", title="Unknown resource")
@@ -93,11 +105,11 @@ class Bundle:
 
     @property
     def amount(self) -> Amount:
-        """How much it holds."""
+        """Numbers of rows, objects and bytes in the bundle."""
         return Amount(sum(map(len, self._rows.values())), len(self._sizes), sum(self._sizes.values()))
 
     def stream(self) -> Iterator[bytes]:
-        """Give the ZIP piece by piece: nothing of it is kept for a reader who is slow."""
+        """Yield the ZIP piece by piece, so that a slow reader does not keep it in memory."""
         pieces = _Pieces()
         with zipfile.ZipFile(pieces, "w", zipfile.ZIP_STORED) as zipped:
             files = Zipped(zipped)
@@ -114,7 +126,7 @@ class Bundle:
 
 
 class _Pieces(io.RawIOBase):
-    """A file that is written from its beginning to its end, and read meanwhile."""
+    """Write-only file whose content is taken out while it is written."""
 
     def __init__(self) -> None:
         self._written: list[bytes] = []
@@ -127,7 +139,7 @@ class _Pieces(io.RawIOBase):
         return len(content)
 
     def take(self) -> bytes:
-        """Give what was written since it was last asked."""
+        """Return the bytes that were written since the last call."""
         written, self._written = b"".join(self._written), []
         return written
 
@@ -135,11 +147,31 @@ class _Pieces(io.RawIOBase):
 def import_robot(
     database: Database, objects: ObjectStore, source: Path, scratch: Path, look_at: Callable[[Resource], object]
 ) -> tuple[str, Amount]:
-    """Read the bundle of a robot; tells the robot's id, which stays as it was. What is there already is left alone.
+    """Read the bundle of a robot. Resources keep their ids; those that exist already are left as they are.
 
-    `look_at` raises whatever it likes for a resource that this service could not show. Raises DynidentError where the
-    archive is none of a robot, was changed, or holds anything that no service would have written; then nothing is
-    imported.
+    Parameters
+    ----------
+    database : Database
+        Target of the rows.
+    objects : ObjectStore
+        Target of the objects.
+    source : Path
+        The bundle, a ZIP or a folder.
+    scratch : Path
+        Folder for temporary files.
+    look_at : callable
+        Called with each resource; raises if this service could not show it.
+
+    Returns
+    -------
+    tuple of str and Amount
+        Id of the robot, and what was imported.
+
+    Raises
+    ------
+    DynidentError
+        If the archive is no bundle, was modified, or holds anything that a service would not have written. Nothing is
+        imported then.
     """
     with files_to_read(source, MOST_FILES) as files:
         with database.engine.connect() as connection:
@@ -163,7 +195,10 @@ def import_robot(
 
 
 def _family(connection: Connection, robot_id: str) -> list[str]:
-    """The robot, all that rests on it, and what these need besides; nothing whose job has not ended."""
+    """Return the ids of a robot, of all that depends on it, and of what these need.
+
+    Resources whose job has not ended are left out, with all that depends on them.
+    """
     pairs = connection.execute(select(DependencyRow.dependent_id, DependencyRow.on_id)).all()
     unfinished: set[Any] = set(
         connection.execute(select(JobRow.resource_id).where(JobRow.state.not_in(FINAL))).scalars()
@@ -173,27 +208,29 @@ def _family(connection: Connection, robot_id: str) -> list[str]:
     for dependent, on in pairs:
         resting.setdefault(on, []).append(dependent)
         needed.setdefault(dependent, []).append(on)
+    # A resource whose job has not ended cannot be exported, and neither can anything that depends on it.
     unfinished = _closure(unfinished, resting)
     family = _closure({robot_id}, resting) - unfinished
     return sorted(_closure(family, needed))
 
 
 def _closure(first: set[Any], next_of: dict[str, list[str]]) -> set[str]:
-    found, left = set(first), list(first)
-    while left:
-        for one in next_of.get(left.pop(), ()):
-            if one not in found:
-                found.add(one)
-                left.append(one)
-    return found
+    """Return the nodes that are reachable from `first`."""
+    reached, pending = set(first), list(first)
+    while pending:
+        for neighbour in next_of.get(pending.pop(), ()):
+            if neighbour not in reached:
+                reached.add(neighbour)
+                pending.append(neighbour)
+    return reached
 
 
 def _of(connection: Connection, row: Any, column: Any, ids: list[str]) -> Iterator[_Row]:
     for start in range(0, len(ids), AT_ONCE):
         query = select(row.__table__).where(column.in_(ids[start : start + AT_ONCE]))
-        for one in connection.execute(query).mappings():
+        for values in connection.execute(query).mappings():
             # Keys are of one service: another one has others, perhaps by the same names.
-            yield {name: value for name, value in one.items() if name != "owner"}
+            yield {name: value for name, value in values.items() if name != "owner"}
 
 
 def _ids(rows: list[_Row]) -> list[str]:
@@ -201,7 +238,7 @@ def _ids(rows: list[_Row]) -> list[str]:
 
 
 def _check(files: Files, rows: dict[Any, list[_Row]], robot: str, look_at: Callable[[Resource], object]) -> None:
-    """An archive from elsewhere says nothing that a service itself would not have written."""
+    """Raise DynidentError if the rows are not what a service would have written."""
     try:
         for table, several in rows.items():
             check_rows(table.__table__, several)
@@ -212,6 +249,8 @@ def _check(files: Files, rows: dict[Any, list[_Row]], robot: str, look_at: Calla
     for row in rows[ResourceRow]:
         if row["kind"] not in get_args(Kind) or not _is_id(row["id"], row["kind"]):
             raise unusable(f"{row['id']!r} is no id of a {row['kind']}")
+    # The archive may come from anybody. Ids are unique, every reference has its target, and only jobs that ended come
+    # in: a queued one would run a function that a stranger chose.
     sound = (
         len(ids) == len(rows[ResourceRow])
         and len(jobs) == len(rows[JobRow]) == len({row["resource_id"] for row in rows[JobRow]})
@@ -228,29 +267,29 @@ def _check(files: Files, rows: dict[Any, list[_Row]], robot: str, look_at: Calla
         raise unusable("it holds no robot")
     _check_objects(files, rows[ObjectRow])
     _check_order(rows[DependencyRow])
-    for one in _resources(rows):
+    for resource in _resources(rows):
         try:
-            look_at(one)
+            look_at(resource)
         except Exception as error:
-            raise unusable(f"the {one.kind} {one.id} is none: {reason_of(error)}") from error
+            raise unusable(f"the {resource.kind} {resource.id} is none: {reason_of(error)}") from error
 
 
 def _is_id(identifier: str, kind: str) -> bool:
-    found = _ID.fullmatch(identifier)
-    return found is not None and KINDS.get(found[1]) == kind
+    match = _ID.fullmatch(identifier)
+    return match is not None and KINDS.get(match[1]) == kind
 
 
 def _check_objects(files: Files, rows: list[_Row]) -> None:
     for row in rows:
         if not _KEY.fullmatch(row["key"]) or not _MEDIA_TYPE.fullmatch(row["media_type"]):
             raise unusable(f"{row['key'][:80]!r} of the type {row['media_type'][:80]!r} is no file")
-        found = files.size(f"objects/{row['key']}")
-        if found != row["size"]:
-            raise unusable(f"the file {row['key']} has {found} bytes instead of {row['size']}")
+        size = files.size(f"objects/{row['key']}")
+        if size != row["size"]:
+            raise unusable(f"the file {row['key']} has {size} bytes instead of {row['size']}")
 
 
 def _check_order(rows: list[_Row]) -> None:
-    """Nothing rests on itself, by whatever detour: whoever follows what something rests on comes to an end."""
+    """Raise DynidentError if dependencies form a cycle: code that follows them would never end."""
     on: dict[str, set[str]] = {}
     for row in rows:
         on.setdefault(row["dependent_id"], set()).add(row["on_id"])
@@ -261,34 +300,37 @@ def _check_order(rows: list[_Row]) -> None:
 
 
 def _resources(rows: dict[Any, list[_Row]]) -> Iterator[Resource]:
-    """The resources as they will be read."""
+    """Yield the resources as the service would read them from its tables."""
     needs: dict[str, list[tuple[str, str]]] = {}
     owned: dict[str, dict[str, Owned]] = {}
     for row in rows[DependencyRow]:
         needs.setdefault(row["dependent_id"], []).append((row["role"], row["on_id"]))
     for row in rows[ObjectRow]:
-        one = Owned(row["role"], row["key"], row["size"], row["media_type"])
-        owned.setdefault(row["resource_id"], {})[row["role"]] = one
+        owned_object = Owned(row["role"], row["key"], row["size"], row["media_type"])
+        owned.setdefault(row["resource_id"], {})[row["role"]] = owned_object
     jobs = {row["resource_id"]: row for row in rows[JobRow]}
     for row in rows[ResourceRow]:
         job = jobs.get(row["id"], {})
-        told = [*(row.get(name) for name in OF_RESOURCES), *(job.get(name) for name in OF_JOBS)]
-        yield as_resource(told, needs.get(row["id"], ()), owned.get(row["id"], {}))
+        columns = [*(row.get(name) for name in OF_RESOURCES), *(job.get(name) for name in OF_JOBS)]
+        yield as_resource(columns, needs.get(row["id"], ()), owned.get(row["id"], {}))
 
 
 def _store(connection: Connection, rows: dict[Any, list[_Row]], new: set[str]) -> int:
     number = 0
     owner = {ResourceRow: "id", DependencyRow: "dependent_id", ObjectRow: "resource_id", JobRow: "resource_id"}
     for row, name in owner.items():
-        number += _add(connection, row.__table__, [one for one in rows[row] if one[name] in new])
-    jobs = {one["id"] for one in rows[JobRow] if one["resource_id"] in new}
-    events = sorted((one for one in rows[JobEventRow] if one["job_id"] in jobs), key=lambda one: int(one["id"]))
-    return number + _add(connection, JobEventRow.__table__, [{**one, "id": None} for one in events])
+        number += _add(connection, row.__table__, [values for values in rows[row] if values[name] in new])
+    jobs = {job["id"] for job in rows[JobRow] if job["resource_id"] in new}
+    # Event ids are of the other service. The order is kept, and new ids are given here.
+    events = sorted(
+        (event for event in rows[JobEventRow] if event["job_id"] in jobs), key=lambda event: int(event["id"])
+    )
+    return number + _add(connection, JobEventRow.__table__, [{**event, "id": None} for event in events])
 
 
 def _add(connection: Connection, table: Any, rows: list[_Row]) -> int:
     # An owner is a key of another service, whatever the archive says.
-    kept = [{k: value for k, value in row.items() if k != "owner" and (k, value) != ("id", None)} for row in rows]
-    if kept:
-        connection.execute(insert(table), kept)
-    return len(kept)
+    inserts = [{k: value for k, value in row.items() if k != "owner" and (k, value) != ("id", None)} for row in rows]
+    if inserts:
+        connection.execute(insert(table), inserts)
+    return len(inserts)

@@ -1,4 +1,4 @@
-"""Rows that come from elsewhere: each must be one that a service itself could have written."""
+"""Check of rows that come from another service: each must be one that a service could have written."""
 
 from __future__ import annotations
 
@@ -13,12 +13,19 @@ from sqlalchemy.types import TypeEngine
 from dynident_service.storage.tables import Text, UtcDateTime
 
 LARGEST, LARGEST_BIG = 2**31 - 1, 2**63 - 1
+"""Largest values of PostgreSQL's integer columns; SQLite would take larger ones."""
 
 
 def check_rows(table: Table, rows: Sequence[Mapping[str, object]]) -> None:
-    """Raise ValueError for a row that lacks a column, or has what the column cannot hold on some database."""
+    """Check that rows have all columns, with values that every supported database accepts.
+
+    Raises
+    ------
+    ValueError
+        For the first row that does not.
+    """
     named = set(rows[0]) if rows else set()
-    lacking = [one.name for one in table.columns if one.name not in named and not _may_be_left_out(one)]
+    lacking = [column.name for column in table.columns if column.name not in named and not _may_be_left_out(column)]
     if rows and lacking:
         raise ValueError(f"{table.name} has no {lacking[0]}")
     for number, row in enumerate(rows, 1):
@@ -34,7 +41,7 @@ def check_rows(table: Table, rows: Sequence[Mapping[str, object]]) -> None:
 
 
 def _may_be_left_out(column: Column[Any]) -> bool:
-    """Older versions did not have every column."""
+    """Return whether a row may lack the column: older versions did not have every one."""
     return column.nullable or column.default is not None or column.server_default is not None
 
 
@@ -48,6 +55,7 @@ def _fits(kind: TypeEngine[Any], value: Any) -> bool:
         return isinstance(value, bool)
     if isinstance(kind, Integer):
         most = LARGEST_BIG if isinstance(kind, BigInteger) else LARGEST
+        # In Python True is an int; in PostgreSQL a boolean is none.
         return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= most
     if isinstance(kind, Float):
         return isinstance(value, int | float) and not isinstance(value, bool)
@@ -57,22 +65,23 @@ def _fits(kind: TypeEngine[Any], value: Any) -> bool:
 
 
 def _is_text(value: str) -> bool:
-    """Whether every database holds it: no U+0000, no half of a pair of surrogates."""
-    return "\0" not in value and not any("\ud800" <= one <= "\udfff" for one in value)
+    """Return whether every database can hold a text: it has no U+0000 and no lone surrogate."""
+    return "\0" not in value and not any("\ud800" <= character <= "\udfff" for character in value)
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether JSON has it, and has it back; one level after the other, as there may be many."""
-    left = [value]
-    while left:
-        one = left.pop()
-        if isinstance(one, dict):
-            left += [*one.keys(), *one.values()]
-        elif isinstance(one, list):
-            left += one
-        elif isinstance(one, str):
-            if not _is_text(one):
+    """Return whether a value survives a round trip through JSON."""
+    # A list instead of recursion: a hostile file may nest deeper than Python's stack.
+    pending = [value]
+    while pending:
+        part = pending.pop()
+        if isinstance(part, dict):
+            pending += [*part.keys(), *part.values()]
+        elif isinstance(part, list):
+            pending += part
+        elif isinstance(part, str):
+            if not _is_text(part):
                 return False
-        elif isinstance(one, float) and not math.isfinite(one):
+        elif isinstance(part, float) and not math.isfinite(part):
             return False
     return True

@@ -1,4 +1,4 @@
-"""The data directory: for its owner alone, writable, and cleared of what a killed service left behind."""
+"""The data directory: private to its owner, writable, and locked while a service uses it."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from pathlib import Path
 from dynident.errors import DynidentError
 
 PRIVATE = 0o027
-"""Bits that files made by the service lack: nobody but owner and group reads them, and nobody but the owner writes."""
+"""Bits of the umask: files of the service are readable by owner and group, and writable by the owner only."""
 OTHERS = 0o007
+"""Permission bits of all other users."""
 log = logging.getLogger("dynident.service")
 
 
 def prepare_data_directory(folder: Path) -> None:
-    """Make the data directory, where there is none, for its owner alone; warn where others may enter it.
+    """Create the data directory, private to its owner, or warn if others may enter an existing one.
 
     Raises
     ------
     DynidentError
-        Where nothing can be written into it.
+        If nothing can be written into it.
     """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -38,7 +39,7 @@ def prepare_data_directory(folder: Path) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """Raise DynidentError where nothing can be written into a folder."""
+    """Raise DynidentError if nothing can be written into a folder."""
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass
@@ -56,7 +57,7 @@ def _unusable(folder: Path, error: OSError) -> DynidentError:
 
 @contextmanager
 def private_files() -> Iterator[None]:
-    """Have all files and folders that are made meanwhile unreadable for other users of the machine."""
+    """Make files and folders that are created in this context unreadable for other users of the machine."""
     before = os.umask(PRIVATE)
     os.umask(before | PRIVATE)
     try:
@@ -67,7 +68,15 @@ def private_files() -> Iterator[None]:
 
 @contextmanager
 def mark_in_use(folder: Path) -> Iterator[bool]:
-    """Mark a data directory as used by a service, until the process ends; gives whether no other one uses it."""
+    """Mark a data directory as used by this service until the process ends.
+
+    Yields
+    ------
+    bool
+        Whether no other service uses it.
+    """
+    # An exclusive lock can be had only while no other service holds its shared one. It is then changed to a shared
+    # lock, so that further services may start with this directory.
     handle = os.open(folder, os.O_RDONLY)
     try:
         is_alone = False

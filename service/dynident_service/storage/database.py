@@ -1,4 +1,4 @@
-"""The connection to the database: SQLite in one file by default, PostgreSQL by URL."""
+"""Connection to the database: an SQLite file by default, PostgreSQL by URL."""
 
 from __future__ import annotations
 
@@ -14,23 +14,30 @@ from sqlalchemy import Connection, Engine, create_engine, event, func, make_url,
 from sqlalchemy.orm import Session
 
 WRITES = "dynident_writes"
+"""Execution option that marks a connection on which transactions write."""
 BUSY_TIMEOUT_MS = 15_000
+"""Milliseconds that a statement waits for a lock."""
 CONNECT_TIMEOUT = 5
-"""Seconds."""
+"""Seconds to connect to PostgreSQL."""
 POOL = 24
-"""Connections to an SQLite file that are kept: one more than these is opened and set up for each transaction anew."""
+"""Open connections that are kept to an SQLite file; each further one is opened and configured for every transaction."""
 AT_ONCE = 500
-"""So many are asked for by one query."""
+"""Upper limit for the ids in one query."""
 
 
 class Database:
-    """Gives sessions for reading and for writing.
+    """Database of the service, with sessions for reading and for writing.
 
-    On SQLite a writing transaction begins with `BEGIN IMMEDIATE`: a transaction that began by reading could not be
+    On SQLite a writing transaction begins with `BEGIN IMMEDIATE`: a transaction that began by reading cannot be
     promoted once another process has written, whatever the busy timeout.
 
-    A reading session sees one moment of the database, however many statements it takes: by itself on SQLite, by
-    `REPEATABLE READ` on PostgreSQL. Who wants to see what others wrote meanwhile opens another.
+    A reading session sees one snapshot of the database, however many statements it takes: SQLite does so by itself,
+    PostgreSQL by `REPEATABLE READ`. To see later changes, open another session.
+
+    Parameters
+    ----------
+    url : str
+        Address as SQLAlchemy takes it, of SQLite or PostgreSQL.
     """
 
     def __init__(self, url: str) -> None:
@@ -44,13 +51,13 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        """Open a session that only reads, all as it is at its first statement."""
+        """Open a read-only session; it sees the database as of its first statement."""
         with Session(self._reader, expire_on_commit=False) as session:
             yield session
 
     @contextmanager
     def one_moment(self) -> Iterator[Connection]:
-        """Open a connection that only reads, as `read`."""
+        """Open a read-only connection that sees one snapshot, like `read`."""
         with self._reader.connect() as connection, connection.begin():
             yield connection
 
@@ -61,7 +68,7 @@ class Database:
             yield session
 
     def ping(self) -> None:
-        """Raise unless the database answers."""
+        """Raise an exception unless the database answers."""
         with self.engine.connect() as connection:
             connection.execute(text("SELECT 1"))
 
@@ -72,19 +79,20 @@ class Database:
 
 @cache
 def _turn_of(url: str) -> threading.Lock:
-    """The lock by which the threads of a process take turns to write to an SQLite file.
+    """Return the lock that the threads of this process take before they write to an SQLite file.
 
-    SQLite itself makes a writer that finds another one sleep for up to 0.1 s, again and again.
+    Without it a writer that meets another one sleeps inside SQLite for up to 0.1 s, again and again.
     """
     return threading.Lock()
 
 
 def clock(session: Session) -> datetime:
-    """Give the time by the clock that all who share the database agree on: its own (SQLite runs on this machine)."""
+    """Return the current time by the clock that all services of a database agree on, which is the database's own."""
+    # An SQLite file has no server; all its users run on this machine.
     if session.get_bind().dialect.name == "sqlite":
         return datetime.now(UTC)
-    told = session.execute(select(func.clock_timestamp())).scalar_one()
-    return cast(datetime, told).astimezone(UTC)
+    moment = session.execute(select(func.clock_timestamp())).scalar_one()
+    return cast(datetime, moment).astimezone(UTC)
 
 
 def _sqlite_engine(url: str) -> Engine:

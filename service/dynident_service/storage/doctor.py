@@ -1,4 +1,4 @@
-"""Looks through all that is stored: what is missing, damaged, cannot be read, or is kept for nobody."""
+"""Integrity check of all stored data: what is missing, damaged, unreadable or owned by nobody."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dynident_service.storage.tables import ObjectRow, ResourceRow, TombstoneRow
 from dynident_service.storage.tombstones import announce
 
 LEFT_AFTER = 24 * 3600.0
-"""An unfinished object that has not changed for so many seconds was left behind by a writer that was cut off."""
+"""Seconds without a change after which an unfinished object counts as abandoned by its writer."""
 
 Trouble = Literal["database", "missing", "cut", "damaged", "unreadable", "orphan", "leftover"]
 REMEDIES: dict[Trouble, str] = {
@@ -31,24 +31,24 @@ REMEDIES: dict[Trouble, str] = {
     "orphan": "`dynident doctor --repair` removes it",
     "leftover": "`dynident doctor --repair` removes it",
 }
-"""What is to be done."""
+"""What the user should do about each kind of trouble."""
 CURABLE: frozenset[Trouble] = frozenset({"orphan", "leftover"})
-"""What can be put right without losing anything that anybody owns."""
+"""Kinds of trouble that `repair` removes; nothing that anybody owns is lost by it."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is not as it should be."""
+    """One defect of the stored data."""
 
     trouble: Trouble
     what: str
-    """The object's key, a file's path, the id of a resource, or the place in the database."""
+    """Key of the object, path of the file, id of the resource, or place in the database."""
     detail: str
     owners: tuple[str, ...] = ()
 
     @property
     def is_curable(self) -> bool:
-        """Whether `repair` can put it right."""
+        """Whether `repair` can remove the defect."""
         return self.trouble in CURABLE
 
 
@@ -59,20 +59,27 @@ def examine(
     by_hash: bool = True,
     problem_of: Callable[[Resource], str | None] | None = None,
 ) -> Iterator[Finding]:
-    """Go through all that is stored, and give what is wrong.
+    """Check all stored data and yield the defects.
 
     Parameters
     ----------
-    database, objects
-        What is stored.
+    database : Database
+        Rows to check.
+    objects : ObjectStore
+        Objects to check.
     by_hash : bool
-        Whether contents are read, and not only sizes.
+        Whether to read all contents and compare their hashes, and not only sizes.
     problem_of : callable, optional
-        Tells what of a resource this version cannot read, and why; left out, nobody tries.
+        Returns what this version cannot read of a resource, and why; without it resources are not read.
+
+    Yields
+    ------
+    Finding
+        One for each defect. If the database itself is damaged, nothing else is checked.
     """
-    found = list(examine_database(database))
-    yield from found
-    if found:
+    findings = list(examine_database(database))
+    yield from findings
+    if findings:
         return  # what a damaged database says of objects is not to be relied on
     if problem_of is not None:
         yield from _unreadable(database, problem_of)
@@ -89,14 +96,14 @@ def examine(
 
 
 def examine_database(database: Database) -> Iterator[Finding]:
-    """Look for damaged pages of an SQLite file; PostgreSQL looks after its own."""
+    """Check an SQLite file for damaged pages; PostgreSQL checks its own."""
     if not database.is_sqlite:
         return
     try:
         with database.engine.connect() as connection:
-            for (said,) in connection.execute(text("PRAGMA quick_check(20)")):
-                if said != "ok":
-                    yield Finding("database", database.engine.url.database or "", str(said))
+            for (answer,) in connection.execute(text("PRAGMA quick_check(20)")):
+                if answer != "ok":
+                    yield Finding("database", database.engine.url.database or "", str(answer))
             # A file that lost its journal may be sound and have no tables.
             connection.execute(select(ObjectRow.key).limit(1))
     except DatabaseError as error:
@@ -104,7 +111,13 @@ def examine_database(database: Database) -> Iterator[Finding]:
 
 
 def repair(database: Database, objects: ObjectStore, finding: Finding) -> None:
-    """Put right what can be: orphans get a tombstone (the sweep deletes them), leftovers are removed."""
+    """Remove a curable defect: an orphan gets a tombstone, so that the sweep deletes it; an abandoned file is deleted.
+
+    Raises
+    ------
+    ValueError
+        If the defect is not curable.
+    """
     if finding.trouble == "orphan":
         with database.write() as session:
             announce(session, (finding.what,))
@@ -135,11 +148,11 @@ def _owners(database: Database) -> dict[tuple[str, int], tuple[str, ...]]:
     return owners
 
 
-def _examine_object(key: str, size: int, found: int | None, owners: tuple[str, ...]) -> Finding | None:
-    if found is None:
+def _examine_object(key: str, size: int, actual_size: int | None, owners: tuple[str, ...]) -> Finding | None:
+    if actual_size is None:
         return Finding("missing", key, "the file is not there", owners)
-    if found != size:
-        return Finding("cut", key, f"the file has {found} bytes and should have {size}", owners)
+    if actual_size != size:
+        return Finding("cut", key, f"the file has {actual_size} bytes and should have {size}", owners)
     return None
 
 

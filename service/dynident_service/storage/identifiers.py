@@ -1,4 +1,4 @@
-"""Identifiers of resources and jobs: the kind, then the time, then chance; so they sort by age."""
+"""Identifiers of resources and jobs: prefix of the kind, time and random bits, so that they sort by age."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import threading
 import time
 
 ALPHABET = "0123456789abcdefghjkmnpqrstvwxyz"
+"""Crockford's base 32: no letters that are easily confused, and in the order of ASCII."""
 PREFIXES = {
     "robot": "rob",
     "measurement": "mea",
@@ -28,10 +29,10 @@ KINDS = {prefix: kind for kind, prefix in PREFIXES.items()}
 
 
 class _Clock:
-    """Numbers of 128 bits that grow: 48 bits of time in milliseconds, 80 of chance.
+    """Source of increasing 128-bit numbers: 48 bits of time in milliseconds, 80 random bits.
 
-    Within one millisecond (or behind a clock that was set back) a number is the last one and a random step
-    more. So what one process makes is listed, and what it queues is begun, in the order in which it was made.
+    Within one millisecond, or after the clock was set back, a number is the previous one plus a random step. Lists and
+    queues therefore keep the order in which one process created their entries.
     """
 
     def __init__(self) -> None:
@@ -42,6 +43,7 @@ class _Clock:
         fresh = (time.time_ns() // 1_000_000) << 80 | secrets.randbits(80)
         with self._lock:
             # The step is 64 bits of chance: nobody guesses the next identifier from the last.
+            # `behind` also covers a clock that was set back.
             behind = fresh >> 80 <= self._last >> 80
             self._last = self._last + 1 + secrets.randbits(64) if behind else fresh
             return self._last
@@ -51,7 +53,14 @@ _CLOCK = _Clock()
 
 
 def new_identifier(kind: str) -> str:
-    """Make an identifier: 48 bits of time in milliseconds and 80 of chance, in Crockford's base 32."""
+    """Return a new identifier: the prefix of its kind and a 128-bit number in Crockford's base 32.
+
+    Parameters
+    ----------
+    kind : str
+        Key of `PREFIXES`.
+    """
     number = _CLOCK.tick()
+    # 26 digits of 5 bits are 130 bits; the first digit holds only the upper 3 of the 128.
     digits = [ALPHABET[number >> shift & 31] for shift in range(125, -1, -5)]
     return f"{PREFIXES[kind]}_{''.join(digits)}"

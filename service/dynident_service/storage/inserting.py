@@ -1,7 +1,7 @@
-"""Resources as they are stored: each with what it rests on, its objects, its job and its retry key, or nothing at all.
+"""Insertion of resources with their dependencies, objects, job and retry key, all or nothing.
 
-Table by table, by SQLAlchemy's Core: as many statements for a thousand as for one, nearly. What was stored is known
-without being read again.
+Written table by table with SQLAlchemy's Core: a thousand resources take hardly more statements than one, and the
+stored resources are known without being read again.
 """
 
 from __future__ import annotations
@@ -35,40 +35,79 @@ _INSERTING = {table: insert(table) for table in (RESOURCES, DEPENDENCIES, OBJECT
 
 
 def insert_one(session: Session, objects: ObjectStore, new: NewResource, owner: str | None) -> Resource:
-    """Insert a resource of an owner within a transaction; the caller commits."""
-    (made,) = insert_all(session, objects, [new], owner)
-    return made
+    """Insert one resource within a transaction; the caller commits.
+
+    Parameters
+    ----------
+    session : Session
+        Session that writes.
+    objects : ObjectStore
+        Store with the objects that the resource owns.
+    new : NewResource
+        What to insert.
+    owner : str or None
+        Name of the API key that it belongs to.
+
+    Returns
+    -------
+    Resource
+        As stored.
+    """
+    (resource,) = insert_all(session, objects, [new], owner)
+    return resource
 
 
 def insert_all(
     session: Session, objects: ObjectStore, several: Sequence[NewResource], owner: str | None
 ) -> list[Resource]:
-    """Insert resources of an owner within a transaction; the caller commits.
+    """Insert several resources of one owner within a transaction; the caller commits.
 
-    Raises ProblemError where one rests on what is not there, ObjectGone where one owns what is not there.
+    Parameters
+    ----------
+    session : Session
+        Session that writes.
+    objects : ObjectStore
+        Store with the objects that the resources own.
+    several : sequence of NewResource
+        What to insert.
+    owner : str or None
+        Name of the API key that they belong to.
+
+    Returns
+    -------
+    list of Resource
+        As stored, in the same order.
+
+    Raises
+    ------
+    ProblemError
+        If a resource that one depends on does not exist.
+    ObjectGone
+        If an object that one owns does not exist.
     """
     connection = session.connection()
     _require(connection, [need for new in several for need in new.rests_on])
+    # One time for all of them: a batch sorts as a whole.
     moment = clock(session)
-    made = [_resource(new, moment) for new in several]
-    pairs = list(zip(made, several, strict=True))
-    _insert(connection, RESOURCES, [{**_row(one), "owner": owner} for one in made])
-    rest(session, [(one.id, on_id, role) for one in made for role, on_id in one.rests_on])
-    own(session, objects, [(one.id, owned) for one in made for owned in one.objects.values()])
-    _insert(connection, RETRIES, [_key(one, new.retry) for one, new in pairs if new.retry is not None])
-    jobs = add_jobs(session, [(new.job, one.id) for one, new in pairs if new.job is not None], moment, owner)
+    resources = [_resource(new, moment) for new in several]
+    pairs = list(zip(resources, several, strict=True))
+    _insert(connection, RESOURCES, [{**_row(resource), "owner": owner} for resource in resources])
+    rest(session, [(resource.id, on_id, role) for resource in resources for role, on_id in resource.rests_on])
+    own(session, objects, [(resource.id, owned) for resource in resources for owned in resource.objects.values()])
+    _insert(connection, RETRIES, [_key(resource, new.retry) for resource, new in pairs if new.retry is not None])
+    jobs = add_jobs(session, [(new.job, resource.id) for resource, new in pairs if new.job is not None], moment, owner)
     job_of = {job.resource_id: job for job in jobs}
-    return [replace(one, job=job_of.get(one.id)) for one in made]
+    return [replace(resource, job=job_of.get(resource.id)) for resource in resources]
 
 
 def rest(session: Session, several: Iterable[tuple[str, str, str]]) -> None:
-    """Record that resources rest on others: (dependent, on, role) each."""
+    """Insert dependencies between resources, each as (dependent, needed, role)."""
     rows = [{"dependent_id": dependent, "on_id": on_id, "role": role} for dependent, on_id, role in several]
     _insert(session.connection(), DEPENDENCIES, rows)
 
 
 def own(session: Session, objects: ObjectStore, several: Sequence[tuple[str, Owned]]) -> None:
-    """Record the objects that resources own; raises ObjectGone if one is not there."""
+    """Insert the ownership of objects; raise ObjectGone if one is not in the store."""
     hold(session, objects, (owned for _, owned in several))
     _insert(
         session.connection(), OBJECTS, [{"resource_id": identifier, **vars(owned)} for identifier, owned in several]
@@ -83,19 +122,23 @@ def _resource(new: NewResource, moment: datetime) -> Resource:
         created_at=moment,
         request=dict(new.request),
         result=None if new.result is None else dict(new.result),
-        rests_on=tuple(sorted({(one.role, one.id) for one in new.rests_on})),
-        objects={one.role: one for one in new.objects},
+        rests_on=tuple(sorted({(need.role, need.id) for need in new.rests_on})),
+        objects={owned.role: owned for owned in new.objects},
         job=None,
     )
 
 
-def _row(made: Resource) -> Row:
+def _row(resource: Resource) -> Row:
     names = ("id", "kind", "name", "created_at", "request", "result")
-    return {**{name: getattr(made, name) for name in names}, "tags": list(made.tags), "archived": made.archived}
+    return {
+        **{name: getattr(resource, name) for name in names},
+        "tags": list(resource.tags),
+        "archived": resource.archived,
+    }
 
 
-def _key(made: Resource, retry: Retry) -> Row:
-    return {**vars(retry), "resource_id": made.id, "created_at": made.created_at}
+def _key(resource: Resource, retry: Retry) -> Row:
+    return {**vars(retry), "resource_id": resource.id, "created_at": resource.created_at}
 
 
 def _insert(connection: Connection, table: Table, rows: Sequence[Row]) -> None:
@@ -107,8 +150,8 @@ def _require(connection: Connection, needs: Sequence[RestsOn]) -> None:
     ids = sorted({need.id for need in needs})
     kinds: dict[str, str] = {}
     for start in range(0, len(ids), AT_ONCE):
-        found = connection.execute(_KINDS, {IDS: ids[start : start + AT_ONCE]})
-        kinds |= {identifier: kind for identifier, kind in found}  # noqa: C416
+        rows = connection.execute(_KINDS, {IDS: ids[start : start + AT_ONCE]})
+        kinds |= {identifier: kind for identifier, kind in rows}  # noqa: C416
     for need in needs:
         if kinds.get(need.id) != need.kind:
             raise unusable(f"there is no {need.kind} {need.id!r}", need.pointer, title="Unknown resource")

@@ -1,7 +1,7 @@
-"""The ledger of jobs: what is to be done, who does it, until when, and how far it is.
+"""The queue of jobs in the database: what is to be computed, by whom, until when, and how far it is.
 
-Whoever works on a job holds it by a lease. All writes of a worker carry (job id, attempt), so one that was given up
-for dead and comes back cannot overwrite what its successor does.
+A worker holds a job by a lease. Every write of a worker names the job and the attempt, so a worker that was taken for
+dead and comes back cannot overwrite what its successor writes.
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ from dynident_service.storage.tables import EVENTS, JOBS, JobRow
 from dynident_service.storage.turns import Claim
 
 LEASE = timedelta(seconds=30)
-"""Longer than anybody waits for a lock, by the clock of the database."""
+"""How long a claim holds without renewal, by the clock of the database; longer than anybody waits for a lock."""
 PICK_UP = timedelta(seconds=30)
-"""A claimed job may wait as long for a worker to begin."""
+"""How long a claimed job may wait for a worker to begin."""
 SECOND_LOOK = 5.0
-"""A lease that ran out is looked at again after so many seconds: where the database or the machine was away for a
-while, its holder renews it as soon as it can."""
+"""Seconds after which an expired lease is looked at again before its job is taken away. If the database or the machine
+was away for a while, the holder renews its lease as soon as it can.
+"""
 MOST_LOSSES = 50
-"""A job whose worker was lost so often takes it down, most probably."""
+"""Upper limit for the workers that one job may lose; beyond it the job itself most probably kills them."""
 
-# What is asked again and again is put together once.
+# Statements that are executed often are compiled once.
 _NEWEST = (
     select(EVENTS.c.job_id, func.max(EVENTS.c.id))
     .where(EVENTS.c.job_id.in_(bindparam("ids", expanding=True)))
@@ -54,27 +55,35 @@ _RUNNING = select(func.count()).where(JOBS.c.state == "running")
 _OUR_RUNNING = _RUNNING.where(JOBS.c.id.in_(bindparam("own", expanding=True)))
 Standing = Literal["held", "cancel", "lost"]
 Claimed = tuple[str, int, datetime | None]
-"""A job, its attempt, and until when it was held."""
+"""Job, attempt, and time until which the attempt holds the job."""
 
 
 @dataclass(frozen=True)
 class Strain:
-    """What tells whoever runs the service that something is wrong."""
+    """Figures that tell the operator of the service that something is wrong."""
 
     oldest_queued: float
     """Seconds that the oldest queued job has waited since it was accepted."""
     deaths: int
-    """How often a computation died by itself."""
+    """Number of times that the process of a computation died."""
     losses: int
-    """How often a job was lost with its worker, or its database or store."""
+    """Number of times that a job was lost with its worker, its database or its object store."""
 
 
 class LostClaim(Exception):
-    """The job was given to another worker, or cancelled: what this one does counts no more."""
+    """The job was given to another worker or cancelled; results of this worker are no longer accepted."""
 
 
 class Ledger:
-    """Jobs as the database knows them."""
+    """Queue of the jobs in the database.
+
+    Parameters
+    ----------
+    database : Database
+        Database with the jobs.
+    max_attempts : int
+        Number of deaths of its process after which a job fails.
+    """
 
     def __init__(self, database: Database, max_attempts: int = 3) -> None:
         self._database = database
@@ -82,22 +91,33 @@ class Ledger:
         self._expired: dict[Claimed, float] = {}
 
     def enqueue(self, new: NewJob, resource_id: str | None = None) -> str:
-        """Add a job."""
+        """Add a job, and return its id."""
         with self._database.write() as session:
             (job,) = turns.add_jobs(session, [(new, resource_id)], clock(session))
             return job.id
 
     def claim(self, slots: int, own: Collection[str] | None = None) -> list[Claim]:
-        """Take as many queued jobs as there are free slots; leases that ran out free their jobs.
+        """Claim queued jobs for free slots; jobs whose lease has expired are queued again before.
 
-        Each is the oldest of the key of which the fewest run, so that nobody waits behind all the jobs of another.
+        The next job is always the oldest one of the API key that has the fewest running jobs, so nobody waits behind
+        all jobs of another user.
 
-        A slot is taken by each running job of `own`, the ids of those that were given to these slots; by whichever job
-        runs where that is not known.
+        Parameters
+        ----------
+        slots : int
+            Number of jobs that may run at a time.
+        own : collection of str, optional
+            Ids of the jobs that occupy these slots. Without it every running job occupies one.
+
+        Returns
+        -------
+        list of Claim
+            As many jobs as there were free slots, or fewer.
         """
         with self._database.read() as session:
             connection = session.connection()
             expired, queued = connection.execute(_LOOK, {"moment": clock(session)}).one()
+            # Most calls find nothing to do. They end here, in a transaction that only reads.
             if not expired:
                 self._expired = {}
                 if not queued or _running(connection, own) >= slots:
@@ -111,7 +131,7 @@ class Ledger:
             return turns.take(connection, free, moment, moment + PICK_UP) if free > 0 else []
 
     def standing(self, claim: Claim) -> Standing:
-        """Tell whether a claim still holds, without renewing it."""
+        """Return the standing of a claim without renewing it: "held", "cancel" (its job is to be stopped) or "lost"."""
         with self._database.read() as session:
             row = session.connection().execute(_STANDING, {"id": claim.job_id}).one_or_none()
             if row is None or row.attempt != claim.attempt or row.state != "running":
@@ -119,21 +139,49 @@ class Ledger:
             return "cancel" if row.cancel_requested else "held"
 
     def renew(self, claim: Claim) -> Standing:
-        """Renew the lease of a claim."""
+        """Renew the lease of a claim, and return its standing as `standing` does."""
         with self._database.write() as session:
             cancelled = turns.hold_on(session.connection(), claim, clock(session) + LEASE)
         return "lost" if cancelled is None else "cancel" if cancelled else "held"
 
     def progress(self, claim: Claim, fraction: float, message: str) -> None:
-        """Record how far a job is; raises LostClaim if nobody waits for it any more."""
+        """Record the progress of a job.
+
+        Parameters
+        ----------
+        claim : Claim
+            Claim of the worker.
+        fraction : float
+            Share of the work that is done, from 0 to 1.
+        message : str
+            What the job does now.
+
+        Raises
+        ------
+        LostClaim
+            If the claim does not hold any more, or the job is to be cancelled.
+        """
         with self._database.write() as session:
             if not turns.go_on(session.connection(), claim, fraction, message):
                 raise LostClaim(claim.job_id)
 
     def succeed(self, claim: Claim, store: Callable[[Session], None]) -> None:
-        """Finish a job: its results are stored and its state is set in one transaction, or neither."""
+        """Finish a job: store its results and its state in one transaction.
+
+        Parameters
+        ----------
+        claim : Claim
+            Claim of the worker.
+        store : callable
+            Writes the results with the session that it is given.
+
+        Raises
+        ------
+        LostClaim
+            If the claim does not hold any more, or the job is to be cancelled.
+        """
         with self._database.write() as session:
-            # First of all: who wants to cancel it waits until it has ended.
+            # This comes first, as it locks the row: a request to cancel the job then waits until the job has ended.
             if not turns.go_on(session.connection(), claim, 1.0, "done"):
                 raise LostClaim(claim.job_id)
             store(session)
@@ -141,27 +189,38 @@ class Ledger:
             turns.end(session, claim.job_id, "succeeded")
 
     def fail(self, claim: Claim, problem: Problem) -> None:
-        """Finish a job that cannot be done, with the reason."""
+        """Finish a job that cannot be done, with the problem that says why."""
         self._if_held(claim, lambda session, _: turns.end(session, claim.job_id, "failed", problem))
 
     def stopped(self, claim: Claim) -> None:
-        """Record that a job was stopped as asked."""
+        """Record that a job was stopped because somebody cancelled it."""
         self._if_held(claim, lambda session, _: turns.end(session, claim.job_id, "cancelled"))
 
     def lost(self, claim: Claim, reason: str) -> None:
-        """Record that a job could not go on through no fault of its own: it is queued again."""
+        """Queue a job again that was interrupted by a failure of the infrastructure."""
         self._if_held(claim, lambda session, row: turns.bury(session, row, MOST_LOSSES, reason, losses=1))
 
     def died(self, claim: Claim, reason: str) -> None:
-        """Record that the process of a job died by itself: it is queued again, unless that happened too often."""
+        """Queue a job again whose process died; it fails if that has happened `max_attempts` times."""
         self._if_held(claim, lambda session, row: turns.bury(session, row, self._max_attempts, reason, deaths=1))
 
     def release(self, claim: Claim) -> None:
-        """Give a job back that could not be worked on, through no fault of its own."""
+        """Give back a job that was claimed and not begun."""
         self._if_held(claim, lambda session, row: turns.requeue(session.connection(), row))
 
     def cancel(self, job_id: str) -> Job:
-        """Ask for a job to be stopped; one that has not begun is cancelled at once, one that ended is left as it is."""
+        """Cancel a job: a queued one at once, a running one by asking its worker to stop.
+
+        Returns
+        -------
+        Job
+            The job after that; one that was cancelled before is left as it is.
+
+        Raises
+        ------
+        ProblemError
+            404 if there is no such job, 409 if it has already succeeded or failed.
+        """
         with self._database.write() as session:
             row = session.get(JobRow, job_id, with_for_update=True)
             if row is None:
@@ -177,14 +236,14 @@ class Ledger:
             return as_job(row)
 
     def cancel_of_resources(self, identifiers: Sequence[str]) -> None:
-        """Ask for the jobs of resources to be stopped, all of them or none; those that ended are left as they are."""
+        """Cancel the jobs of several resources, all in one transaction; jobs that have ended are left as they are."""
         with self._database.write() as session:
             moment = clock(session)
             for start in range(0, len(identifiers), AT_ONCE):
                 turns.cancel_all(session.connection(), identifiers[start : start + AT_ONCE], moment)
 
     def get(self, job_id: str) -> Job:
-        """Read one job; a problem 404 if there is none."""
+        """Return a job; raise a problem 404 if there is none."""
         with self._database.read() as session:
             row = session.connection().execute(_ONE, {"id": job_id}).one_or_none()
             if row is None:
@@ -192,20 +251,36 @@ class Ledger:
             return as_job(row)
 
     def of_resources(self, identifiers: Sequence[str]) -> dict[str, tuple[str, State]]:
-        """Give the job and its state of each of some resources, of those that are there."""
+        """Return the job id and the state of the job of each resource that has one, by the id of the resource."""
         jobs = select(JobRow.resource_id, JobRow.id, JobRow.state)
-        found: dict[str, tuple[str, State]] = {}
+        states: dict[str, tuple[str, State]] = {}
         with self._database.read() as session:
             for start in range(0, len(identifiers), AT_ONCE):
                 part = identifiers[start : start + AT_ONCE]
                 for resource, job, state in session.execute(jobs.where(JobRow.resource_id.in_(part))):
-                    found[str(resource)] = (job, cast(State, state))
-        return found
+                    states[str(resource)] = (job, cast(State, state))
+        return states
 
     def page(
         self, limit: int, cursor: str | None = None, state: str | None = None, kind: str | None = None
     ) -> tuple[list[Job], str | None]:
-        """Read a part of the list of jobs, newest first, and the cursor of the next part."""
+        """List jobs, newest first.
+
+        Parameters
+        ----------
+        limit : int
+            Upper limit for the number of jobs.
+        cursor : str, optional
+            Where to continue, as the previous call gave it.
+        state, kind : str, optional
+            Only jobs in this state, or of this kind.
+
+        Returns
+        -------
+        tuple of list of Job and str or None
+            The jobs, and the cursor of the next page if there is one.
+        """
+        # One row more than asked for tells whether there is a next page.
         query = select(JobRow).order_by(JobRow.id.desc()).limit(limit + 1)
         for column, value in ((JobRow.state, state), (JobRow.kind, kind)):
             if value is not None:
@@ -218,37 +293,56 @@ class Ledger:
         return jobs, jobs[-1].id if len(rows) > limit else None
 
     def history(self, job_id: str, after: int = 0) -> tuple[list[JobEvent], bool]:
-        """Read the events of a job after one, and whether the job has ended (so that none will follow these)."""
+        """Read the events of a job that follow one.
+
+        Returns
+        -------
+        tuple of list of JobEvent and bool
+            The events with ids above `after`, and whether the job has ended, so that no further event follows.
+        """
         with self._database.read() as session:
             connection = session.connection()
-            found = connection.execute(_STANDING, {"id": job_id}).one_or_none()
+            # The state is read before the events. Both come from one snapshot, so a job that has ended has all its
+            # events.
+            standing = connection.execute(_STANDING, {"id": job_id}).one_or_none()
             rows = connection.execute(_HISTORY, {"id": job_id, "after": after}).all()
-        return [JobEvent(row.id, row.event, row.data) for row in rows], found is None or found.state in FINAL
+        return [JobEvent(row.id, row.event, row.data) for row in rows], standing is None or standing.state in FINAL
 
     def news(self, after: int, job_ids: Collection[str]) -> tuple[dict[str, int], int]:
-        """Give the id of the last event of each job that has one after an event, and of each of some jobs, of those
-        that are there; and the event after which to ask the next time. After 0 only these some are told.
+        """Return the newest event of each job that has news.
+
+        Parameters
+        ----------
+        after : int
+            Event id up to which the caller knows all; 0 on the first call, which then asks for `job_ids` only.
+        job_ids : collection of str
+            Jobs whose newest event is wanted in any case.
+
+        Returns
+        -------
+        tuple of dict and int
+            Newest event id by job id, for the jobs that exist; and `after` of the next call.
         """
         with self._database.read() as session:
             connection = session.connection()
             if after:
-                found = {str(job_id): int(event) for job_id, event in connection.execute(_AFTER, {"after": after})}
-                last = max(found.values(), default=after)
+                newest = {str(job_id): int(event) for job_id, event in connection.execute(_AFTER, {"after": after})}
+                last = max(newest.values(), default=after)
             else:
-                found, last = {}, int(connection.execute(_LAST).scalar() or 0)
+                newest, last = {}, int(connection.execute(_LAST).scalar() or 0)
             if job_ids:
                 rows = connection.execute(_NEWEST, {"ids": list(job_ids)})
-                found |= {str(job_id): int(event) for job_id, event in rows}
-        return found, last
+                newest |= {str(job_id): int(event) for job_id, event in rows}
+        return newest, last
 
     def counts(self) -> dict[str, int]:
-        """Count the jobs by state."""
+        """Return the number of jobs by state."""
         with self._database.read() as session:
             rows = session.execute(select(JobRow.state, func.count()).group_by(JobRow.state)).all()
         return {str(state): int(number) for state, number in rows}
 
     def strain(self) -> Strain:
-        """Tell how long the queue is in time, and how often jobs that are kept had to be begun again."""
+        """Return how long the oldest queued job has waited, and how often jobs had to be begun again."""
         with self._database.read() as session:
             oldest = session.scalar(select(func.min(JobRow.created_at)).where(JobRow.state == "queued"))
             deaths, losses = session.execute(select(func.sum(JobRow.deaths), func.sum(JobRow.losses))).one()
@@ -262,20 +356,20 @@ class Ledger:
                 write(session, row)
 
     def _expired_for_long(self, rows: Sequence[Row[Any]]) -> list[Row[Any]]:
-        """Those whose leases had run out already when they were looked at before, some time ago."""
+        """Return the rows whose leases had already expired at a look some time ago."""
         moment = time.monotonic()
         before, self._expired = self._expired, {}
-        found = []
+        confirmed = []
         for row in rows:
             claimed = (row.id, row.attempt, row.lease_until)
             since = self._expired[claimed] = before.get(claimed, moment)
             if moment - since >= SECOND_LOOK:
-                found.append(row)
-        return found
+                confirmed.append(row)
+        return confirmed
 
 
 def as_job(row: JobRow | Row[object]) -> Job:
-    """Take a job off its row."""
+    """Convert a row of the table of jobs to a Job."""
     return Job(*(getattr(row, name) for name in OF_JOBS))
 
 

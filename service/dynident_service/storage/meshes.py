@@ -1,4 +1,4 @@
-"""The roles in which a robot owns the files of its meshes and the geometry that was read from them."""
+"""Roles under which a robot owns its mesh files, and the geometry that was computed from them."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ GEOMETRY = "geometry"
 
 
 def role_of(place: int) -> str:
-    """The role of a mesh's file; `place` is the mesh's among those that the description names."""
+    """Return the role of a mesh file; `place` is the position of the mesh in the robot's description."""
     return f"mesh-{place}"
 
 
 def meshes_of(robot: Resource) -> dict[str, Owned]:
-    """The files of meshes that a robot has, by the meshes' names."""
+    """Return the mesh files that a robot has, by mesh name."""
     named = enumerate((robot.result or {}).get("meshes", []))
-    owned = ((one["name"], robot.objects.get(role_of(place))) for place, one in named)
-    return {name: found for name, found in owned if found is not None}
+    owned = ((mesh["name"], robot.objects.get(role_of(place))) for place, mesh in named)
+    return {name: file for name, file in owned if file is not None}
 
 
 def named_meshes(robot: Resource) -> list[dict[str, object]]:
-    """All meshes that a robot's description names, with hash and size of the files that it has."""
+    """Return all meshes that a robot's description names, with hash and size of the files that the robot has."""
     files = meshes_of(robot)
     return [
-        {**one, "sha256": files[one["name"]].key, "size": files[one["name"]].size} if one["name"] in files else one
-        for one in (robot.result or {}).get("meshes", [])
+        {**mesh, "sha256": files[mesh["name"]].key, "size": files[mesh["name"]].size} if mesh["name"] in files else mesh
+        for mesh in (robot.result or {}).get("meshes", [])
     ]

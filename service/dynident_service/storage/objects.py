@@ -1,4 +1,4 @@
-"""The object store: bytes under the SHA-256 of themselves, in a local folder or in S3."""
+"""The object store: contents under their SHA-256, in a local folder or in S3."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from obstore.store import LocalStore, from_url
 from dynident_service.problems import ProblemError
 
 CHUNK = 8 * 1024 * 1024
-"""Bytes read or uploaded at once; S3 takes no parts below 5 MiB."""
+"""Bytes that are read or uploaded at a time; S3 takes no parts below 5 MiB."""
 STREAMED = 256 * 1024
-"""Bytes that are read at once of an object which somebody fetches, who may be slow: so many wait for each of them."""
+"""Bytes that are read at a time of an object that a client downloads; every slow client keeps so many in memory."""
 PROBE = b"dynident"
-"""What is put and read again to see whether the store works."""
+"""Content that is written and read to see whether the store works."""
 PROBE_KEY = hashlib.sha256(PROBE).hexdigest()
 _KEY = re.compile("[0-9a-f]{64}")
 _UNFINISHED = re.compile("[0-9a-f]{64}#[0-9]+")
-"""The names under which a local store writes an object before it has its own."""
+"""Names under which a local store writes an object before it has its own."""
 
 
 @dataclass(frozen=True)
 class Stored:
-    """An object that is in the store."""
+    """Result of putting an object: its key, its size in bytes, and whether it was written."""
 
     key: str
     size: int
@@ -40,21 +40,31 @@ class Stored:
 
 
 class ObjectStore:
-    """Puts and gets objects by the SHA-256 of their bytes; what is there never changes."""
+    """Store of immutable objects, each under the SHA-256 of its bytes.
+
+    Parameters
+    ----------
+    url : str
+        A folder as `file://…`, or a bucket as `s3://…`.
+    cache_dir : Path
+        Folder for local copies of remote objects.
+    """
 
     def __init__(self, url: str, cache_dir: Path) -> None:
         self.url = url
         self._cache_dir = cache_dir
+        # Identity of each file that was verified: inode, time of change, and size.
         self._verified: dict[Path, tuple[int, int, int]] = {}
         self._folder = Path(unquote(urlsplit(url).path)) if urlsplit(url).scheme == "file" else None
         self._store = LocalStore(self._folder, mkdir=True) if self._folder is not None else from_url(url)
 
     def put_file(self, file: BinaryIO) -> Stored:
-        """Store what a file holds, from its start; a file that is there already is not written again."""
+        """Store the content of a file from its start, unless it is stored already."""
         return self.put_hashed(file, *digest(file))
 
     def put_hashed(self, file: BinaryIO, key: str, size: int) -> Stored:
-        """Store what a file holds, whose hash and size are known; what is there but damaged is written anew."""
+        """Store the content of a file whose hash and size are known; a damaged object is written again."""
+        # Equal contents have equal keys, so an object that is whole need not be written again.
         if self._is_whole(file, key, size):
             return Stored(key, size, created=False)
         file.seek(0)
@@ -67,14 +77,14 @@ class ObjectStore:
         return self.put_file(io.BytesIO(content))
 
     def size(self, key: str) -> int | None:
-        """Tell how large an object is; `None` where it is not there."""
+        """Return the size of an object in bytes, or None if there is none."""
         try:
             return int(obstore.head(self._store, _path(key))["size"])
         except FileNotFoundError:
             return None
 
     def get(self, key: str) -> bytes:
-        """Read a whole object; a problem if it is missing or not what was put in."""
+        """Read a whole object; raise a problem 500 if it is missing or damaged."""
         try:
             content = bytes(obstore.get(self._store, _path(key)).bytes())
         except FileNotFoundError as error:
@@ -86,26 +96,34 @@ class ObjectStore:
     def stream(self, key: str) -> Iterator[bytes]:
         """Read an object in pieces.
 
-        A missing or damaged one is a problem at once in a local store; from a remote one the last piece of a damaged
-        object is withheld, so that nobody takes it for whole.
+        A missing or damaged object is a problem at once in a local store. Of a damaged remote object the last piece is
+        held back, so that nobody takes it for complete.
+
+        Raises
+        ------
+        ProblemError
+            500 if the object is missing or damaged.
         """
         if self._folder is not None:
             self._verify(self._folder / _path(key), key)
         try:
-            found = obstore.get(self._store, _path(key))
+            answer = obstore.get(self._store, _path(key))
         except FileNotFoundError as error:
             raise missing(key) from error
-        return _checked(found.stream(min_chunk_size=STREAMED), key)
+        return _checked(answer.stream(min_chunk_size=STREAMED), key)
 
     def path(self, key: str) -> Path:
-        """Give a local file with the object: the object itself in a local store, else a copy in the cache.
+        """Return a local file with the object: the object itself in a local store, else a copy in the cache.
 
-        A problem if it is missing or not what was put in.
+        Raises
+        ------
+        ProblemError
+            500 if the object is missing or damaged.
         """
         if self._folder is not None:
-            found = self._folder / _path(key)
-            self._verify(found, key)
-            return found
+            path = self._folder / _path(key)
+            self._verify(path, key)
+            return path
         cached = self._cache_dir / key
         if not cached.exists():
             self._fetch(key, cached)
@@ -117,17 +135,17 @@ class ObjectStore:
 
     @property
     def local_folder(self) -> Path:
-        """The folder below which `path` gives files."""
+        """Folder that holds all files that `path` returns."""
         return (self._cache_dir if self._folder is None else self._folder).resolve()
 
     def key_of(self, path: Path) -> str | None:
-        """Tell which object a local file is that `path` gave; None for any other file."""
+        """Return the key of the object that a path from `path` belongs to, or None for any other path."""
         key = path.name
         place = self._cache_dir / key if self._folder is None else self._folder / _path(key)
         return key if path == place and _KEY.fullmatch(key) else None
 
     def is_damaged(self, key: str) -> bool:
-        """Read an object again from its store and compare it with its hash; one that is missing is damaged too."""
+        """Return whether an object, read again from the store, is missing or does not have its hash."""
         sha256 = hashlib.sha256()
         try:
             for chunk in obstore.get(self._store, _path(key)).stream(min_chunk_size=CHUNK):
@@ -137,45 +155,45 @@ class ObjectStore:
         return sha256.hexdigest() != key
 
     def listed(self) -> Iterator[tuple[str, int]]:
-        """Go through all objects that are there: their keys and sizes."""
+        """Yield key and size in bytes of all objects."""
         for batch in obstore.list(self._store):
-            for one in batch:
-                key = str(one["path"]).rpartition("/")[2]
+            for entry in batch:
+                key = str(entry["path"]).rpartition("/")[2]
                 if _KEY.fullmatch(key):
-                    yield key, int(one["size"])
+                    yield key, int(entry["size"])
 
     def leftovers(self) -> Iterator[Path]:
-        """Go through what writers are writing, or left behind when they were cut off (in a local store)."""
+        """Yield unfinished files of a local store, being written or abandoned."""
         if self._folder is not None:
-            yield from (one for one in self._folder.rglob("*") if _UNFINISHED.fullmatch(one.name))
+            yield from (path for path in self._folder.rglob("*") if _UNFINISHED.fullmatch(path.name))
 
     def delete(self, key: str) -> None:
-        """Remove an object; one that is not there is no error."""
+        """Delete an object, if there is one."""
         try:
             obstore.delete(self._store, _path(key))
         except FileNotFoundError:
             return
 
     def ping(self) -> None:
-        """Raise unless the store takes and gives an object."""
+        """Raise an exception unless an object can be written and read."""
         self.get(self.put_bytes(PROBE).key)
 
     def _is_whole(self, file: BinaryIO, key: str, size: int) -> bool:
-        """Tell whether an object is there already as a file is.
+        """Return whether the content of a file is already stored and undamaged.
 
-        A remote one is held against the file by what its store says of the bytes that it was sent: nothing is read.
-        A store that says it in another way than S3 does is sent the file once more, which costs as much as reading.
+        A remote object is compared by the ETag that the store computed when it was sent: nothing is downloaded. A store
+        with other ETags than S3 gets the file once more, which costs as much as reading it.
         """
         if self._folder is None:
             try:
-                found = obstore.head(self._store, _path(key))
+                head = obstore.head(self._store, _path(key))
             except FileNotFoundError:
                 return False
-            told = (found["e_tag"] or "").removeprefix("W/").strip('"')
-            return int(found["size"]) == size and told == _etag(file)
+            etag = (head["e_tag"] or "").removeprefix("W/").strip('"')
+            return int(head["size"]) == size and etag == _etag(file)
         if self.size(key) != size:
             return False
-        self._verified.pop(self._folder / _path(key), None)  # what a disk has lost since leaves no mark on a file
+        self._verified.pop(self._folder / _path(key), None)  # a disk error does not change the file's time
         try:
             self._verify(self._folder / _path(key), key)
         except ProblemError:
@@ -183,22 +201,23 @@ class ObjectStore:
         return True
 
     def _verify(self, path: Path, key: str) -> None:
-        """Compare a local file with its hash, once as long as it does not change."""
+        """Compare a local file with its hash, once as long as inode, time and size stay the same."""
         try:
             with path.open("rb") as file:
                 state = os.fstat(file.fileno())
                 mark = (state.st_ino, state.st_mtime_ns, state.st_size)
                 if self._verified.get(path) == mark:
                     return
-                found, _ = digest(file)
+                actual_key, _ = digest(file)
         except FileNotFoundError as error:
             raise missing(key) from error
-        if found != key:
+        if actual_key != key:
             raise damaged(key)
         self._verified[path] = mark
 
     def _fetch(self, key: str, cached: Path) -> None:
         self._cache_dir.mkdir(parents=True, exist_ok=True)
+        # Renamed once it is complete: another process may ask for the same object at the same time.
         handle, name = tempfile.mkstemp(dir=self._cache_dir)
         try:
             with os.fdopen(handle, "wb") as file:
@@ -211,13 +230,13 @@ class ObjectStore:
 
 
 def missing(key: str) -> ProblemError:
-    """Say that an object is not there that should be."""
+    """Return the problem for an object that should be in the store and is not."""
     detail = f"A stored file is missing (object {key}); `dynident doctor` lists all that are, and what rests on them."
     return ProblemError(500, detail, title="Stored file missing")
 
 
 def damaged(key: str) -> ProblemError:
-    """Say that an object is not what was stored."""
+    """Return the problem for an object whose bytes have changed."""
     detail = (
         f"A stored file is not what it was (object {key}); uploading the same file again mends it, and "
         "`dynident doctor` lists all that are damaged."
@@ -226,7 +245,7 @@ def damaged(key: str) -> ProblemError:
 
 
 def digest(file: BinaryIO) -> tuple[str, int]:
-    """Hash a file from its start: its SHA-256 and its size."""
+    """Return the SHA-256 and the size in bytes of a file, read from its start."""
     file.seek(0)
     sha256, size = hashlib.sha256(), 0
     while chunk := file.read(CHUNK):
@@ -236,7 +255,7 @@ def digest(file: BinaryIO) -> tuple[str, int]:
 
 
 def _etag(file: BinaryIO) -> str:
-    """What S3 says of a file that was sent to it as `put_hashed` does: its MD5, or that of those of its parts."""
+    """Return the ETag that S3 gives to a file sent by `put_hashed`: its MD5, or the MD5 of the MD5s of its parts."""
     file.seek(0)
     parts = []
     while chunk := file.read(CHUNK):
@@ -248,7 +267,7 @@ def _etag(file: BinaryIO) -> str:
 
 
 def _checked(chunks: Iterable[Any], key: str) -> Iterator[bytes]:
-    """Pass on the pieces of an object, the last one only if the whole has the hash that it should have."""
+    """Pass on the pieces of an object, the last one only if the whole has the right hash."""
     sha256, last = hashlib.sha256(), b""
     for chunk in chunks:
         if last:
@@ -261,4 +280,5 @@ def _checked(chunks: Iterable[Any], key: str) -> Iterator[bytes]:
 
 
 def _path(key: str) -> str:
+    """Return the path of an object in the store."""
     return f"{key[:2]}/{key}"

@@ -1,4 +1,4 @@
-"""Waits for a database or an object store that is away for a moment, instead of failing for it."""
+"""Retries while a database or an object store is away for a moment."""
 
 from __future__ import annotations
 
@@ -16,16 +16,24 @@ from dynident_service.storage.tombstones import ObjectGone
 T = TypeVar("T")
 
 AWAY = (OperationalError, InterfaceError, NoConnection, BaseError)
-"""A database that is away or locked, a store that does not answer."""
+"""Exceptions of a database that is away or locked, and of a store that does not answer."""
 INFRASTRUCTURE = (*AWAY, ObjectGone)
-"""What is no fault of a computation, which is therefore done again."""
+"""Exceptions that are no fault of a computation, which is therefore repeated."""
 FIRST_PAUSE = 0.1
 LONGEST_PAUSE = 5.0
 log = logging.getLogger("dynident.storage")
 
 
 def patiently(action: Callable[[], T], patience: float) -> T:
-    """Try until it succeeds; what went wrong last is raised after so many seconds."""
+    """Repeat an action while the database or the store is away.
+
+    Parameters
+    ----------
+    action : callable
+        What to do.
+    patience : float
+        Seconds after which the last exception is raised.
+    """
     until, pause = time.monotonic() + patience, FIRST_PAUSE
     while True:
         try:
@@ -35,11 +43,12 @@ def patiently(action: Callable[[], T], patience: float) -> T:
                 raise
             log.warning("%s; trying again", reason_of(error))
         time.sleep(pause)
+        # Pauses grow, so that many workers do not press a server that is just starting.
         pause = min(2 * pause, LONGEST_PAUSE)
 
 
 def reason_of(error: BaseException) -> str:
-    """Say in one line what went wrong, without statements and parameters."""
+    """Return an exception in one line, without SQL statements and parameters, which may hold user data."""
     inner = getattr(error, "orig", None) or error
     first_line = (str(inner).splitlines() or [""])[0]
     return f"{type(inner).__name__}: {first_line}"[:200]

@@ -1,9 +1,9 @@
-"""Quotas: how much one key may have stored and have computed at a time.
+"""Quotas: limits for what one API key may store and compute at a time.
 
-Whoever sends a request acts for an account, the name of its key; without keys there is none, and nothing is counted.
-What an account uses is summed up over its own rows, by an index, and only where there is a limit. Who is about to add
-to it holds the account's lock until that is committed, so that two at once cannot both take the last room: the lock is
-the one writer of SQLite, and an advisory lock on PostgreSQL.
+A request acts for an account, which is the name of its key; without keys there is no account, and nothing is counted.
+The use of an account is summed over its own rows through an index, and only if it has a limit. A transaction that adds
+to an account holds the account's lock until it is committed, so that two at once cannot both take the last room. The
+lock is the single writer of SQLite, and an advisory lock on PostgreSQL.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from dynident_service.storage.records import NewResource, Owned
 from dynident_service.storage.tables import JOBS, OBJECTS, RESOURCES
 
 SENT = ("measurement", "import", "robot")
-"""Kinds whose files are sent, not computed: recordings, and meshes."""
+"""Kinds of resources whose files are uploaded and not computed: recordings, and meshes."""
 UNFINISHED = ("queued", "running")
 _OWNER = "owner"
 
 
 @dataclass(frozen=True)
 class Limits:
-    """How much there may be at a time; 0 is no limit, `None` what is not said."""
+    """Upper limits for an account: 0 means no limit, None means that it is not set."""
 
     bytes: int | None = None
     recordings: int | None = None
     jobs: int | None = None
 
     def or_else(self, others: Limits) -> Limits:
-        """Give these, and the others' where nothing is said here."""
+        """Return these limits, with those of `others` where none is set here."""
         pairs = zip(astuple(self), astuple(others), strict=True)
         return Limits(*(theirs if mine is None else mine for mine, theirs in pairs))
 
@@ -46,7 +46,7 @@ UNLIMITED = Limits()
 
 @dataclass(frozen=True)
 class Account:
-    """For whom a request acts, and how much that one may have."""
+    """Account that a request acts for, and its limits."""
 
     name: str
     limits: Limits = UNLIMITED
@@ -54,18 +54,18 @@ class Account:
 
 @dataclass(frozen=True)
 class Use:
-    """What an account has at a time."""
+    """What an account uses now."""
 
     bytes: int = 0
-    """Of the files that were sent or simulated; each file once, however many resources have it."""
+    """Bytes of uploaded and simulated files; each file counts once, however many resources own it."""
     recordings: int = 0
-    """Measurements, and simulations under way, each of which will give one."""
+    """Number of measurements and of unfinished simulations, each of which will create a measurement."""
     jobs: int = 0
-    """Queued or running."""
+    """Number of jobs that are queued or running."""
 
 
 class OverQuota(ProblemError):
-    """An account would have more than it may."""
+    """The account would exceed one of its limits."""
 
     retry_after = "5"
 
@@ -74,12 +74,12 @@ _acting: ContextVar[Account | None] = ContextVar("dynident_account", default=Non
 
 
 def act_for(account: Account | None) -> None:
-    """Say for whom the request acts that is answered from here on, in this task and in what it starts."""
+    """Set the account that the current request acts for, in this task and in the tasks that it starts."""
     _acting.set(account)
 
 
 def acting() -> Account | None:
-    """Give the account for which this request acts; `None` where no key was asked for, and in jobs."""
+    """Return the account that the current request acts for; None if no key was required, and in jobs."""
     return _acting.get()
 
 
@@ -89,7 +89,7 @@ _OWNED = (
     .where(RESOURCES.c.kind.in_(SENT))
     .distinct()
 )
-"""The files that were sent, by whose they are; each once, however many resources have it."""
+"""Uploaded files by owner; each counts once, however many resources of the owner have it."""
 _OF_ONE = _OWNED.where(RESOURCES.c.owner == bindparam(_OWNER))
 _BYTES = select(func.coalesce(func.sum(_OF_ONE.subquery().c.size), 0))
 _HAS = _OF_ONE.where(OBJECTS.c.key.in_(bindparam("keys", expanding=True))).with_only_columns(OBJECTS.c.key)
@@ -99,17 +99,17 @@ _SIMULATIONS = _JOBS.where(JOBS.c.kind == "simulation")
 
 
 def bytes_of(session: Session, name: str) -> int:
-    """Give the bytes of the files of an account."""
+    """Return the bytes of all files of an account."""
     return _number(session, _BYTES, name)
 
 
 def use_of(session: Session, name: str) -> Use:
-    """Give what an account has."""
+    """Return what an account uses."""
     return Use(bytes_of(session, name), _recordings(session, name), _number(session, _JOBS, name))
 
 
 def uses(session: Session) -> dict[str | None, Use]:
-    """Give what each account has that has something; `None` has what belongs to nobody. Reads all rows."""
+    """Return what every account uses, by its name; None stands for resources without an owner. Reads all rows."""
     files = _OWNED.subquery()
     unfinished = select(JOBS.c.owner, func.count()).where(JOBS.c.state.in_(UNFINISHED)).group_by(JOBS.c.owner)
     queries: tuple[Select[Any], ...] = (
@@ -118,7 +118,7 @@ def uses(session: Session) -> dict[str | None, Use]:
         unfinished.where(JOBS.c.kind == "simulation"),
         unfinished,
     )
-    size, measured, simulated, jobs = ({name: int(n) for name, n in session.execute(one)} for one in queries)
+    size, measured, simulated, jobs = ({name: int(n) for name, n in session.execute(query)} for query in queries)
     names = size.keys() | measured.keys() | jobs.keys()
     return {
         name: Use(size.get(name, 0), measured.get(name, 0) + simulated.get(name, 0), jobs.get(name, 0))
@@ -127,15 +127,31 @@ def uses(session: Session) -> dict[str | None, Use]:
 
 
 def lock(session: Session, account: Account | None) -> None:
-    """Keep others from adding to what an account has until this transaction ends, where it has a limit."""
+    """Lock an account until the end of the transaction, if it has a limit, so that no other one adds to it."""
     if account is None or not any(astuple(account.limits)) or session.get_bind().dialect.name == "sqlite":
         return
+    # PostgreSQL numbers advisory locks by 64 bits; the hash spreads the names over them.
     digest = hashlib.sha256(f"quota of {account.name}".encode()).digest()
     session.execute(select(func.pg_advisory_xact_lock(int.from_bytes(digest[:8], "big", signed=True))))
 
 
 def check(session: Session, account: Account | None, several: Sequence[NewResource]) -> None:
-    """Raise OverQuota where an account would have more than it may with these; asks nothing where there is no limit."""
+    """Check that an account may have further resources; does nothing if it has no limit.
+
+    Parameters
+    ----------
+    session : Session
+        Session of the transaction that adds the resources.
+    account : Account or None
+        Account that they belong to.
+    several : sequence of NewResource
+        What is to be added.
+
+    Raises
+    ------
+    OverQuota
+        If a limit would be exceeded.
+    """
     if account is None:
         return
     jobs = sum(new.job is not None for new in several)
@@ -145,15 +161,33 @@ def check(session: Session, account: Account | None, several: Sequence[NewResour
     if account.limits.recordings and recordings:
         _check_recordings(account, _recordings(session, account.name), recordings)
     to_come = any(new.kind == "simulation" for new in several)
-    owned = [one for new in several if new.kind in SENT for one in new.objects]
+    owned = [owned_object for new in several if new.kind in SENT for owned_object in new.objects]
     check_bytes(session, account, owned, at_least=1 if to_come else 0)
 
 
 def check_bytes(session: Session, account: Account | None, owned: Iterable[Owned], at_least: int = 0) -> None:
-    """Raise OverQuota where the files of an account would be larger than they may, with these."""
-    new = {one.key: one.size for one in owned}
+    """Check that an account may have further files.
+
+    Parameters
+    ----------
+    session : Session
+        Session of the transaction that adds the files.
+    account : Account or None
+        Account that they belong to.
+    owned : iterable of Owned
+        The files; those that the account has already take no room.
+    at_least : int
+        Bytes that are needed in any case, for files whose size is not known yet.
+
+    Raises
+    ------
+    OverQuota
+        If the limit would be exceeded.
+    """
+    new = {owned_object.key: owned_object.size for owned_object in owned}
     if account is None or not account.limits.bytes or not (new or at_least):
         return
+    # A file that the account owns already is stored only once, and takes no further room.
     known = session.scalars(_HAS, {_OWNER: account.name, "keys": list(new)}) if new else ()
     for key in known:
         new.pop(key)
@@ -164,7 +198,7 @@ def check_bytes(session: Session, account: Account | None, owned: Iterable[Owned
 
 
 def files_too_large(account: Account, allowed: int, used: int, more: int) -> OverQuota:
-    """Say that there is no room for files."""
+    """Return the error for files that exceed an account's limit."""
     return _no_room(
         f"The key {account.name!r} has {used} bytes of files and may have {allowed} (DYNIDENT_QUOTA_BYTES, or its "
         f"own); this would add {more}, so nothing was stored."

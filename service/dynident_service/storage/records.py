@@ -1,4 +1,4 @@
-"""What the repositories give and take: plain values, apart from the tables and from the wire."""
+"""Plain values that the repositories take and return, independent of tables and of the wire format."""
 
 from __future__ import annotations
 
@@ -40,11 +40,12 @@ JobKind = Literal[
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 
 FINAL: frozenset[str] = frozenset({"succeeded", "failed", "cancelled"})
+"""States in which a job has ended."""
 
 
 @dataclass(frozen=True)
 class Owned:
-    """An object of the object store that a resource owns."""
+    """Object of the object store that a resource owns."""
 
     role: str
     key: str
@@ -54,7 +55,7 @@ class Owned:
 
 @dataclass(frozen=True)
 class RestsOn:
-    """A resource that another one needs; `pointer` is where the request names it, so that an error can say so."""
+    """Dependency on another resource. `pointer` is its place in the request, which an error names."""
 
     id: str
     kind: Kind
@@ -64,7 +65,7 @@ class RestsOn:
 
 @dataclass(frozen=True)
 class NewJob:
-    """A computation to be done for a new resource: the function "module:name" is called in a child process."""
+    """Computation for a new resource: the function "module:name", which is called in a child process."""
 
     kind: JobKind
     function: str
@@ -73,7 +74,7 @@ class NewJob:
 
 @dataclass(frozen=True)
 class Retry:
-    """The `Idempotency-Key` of a request; the fingerprint tells a retry from another request with the same key."""
+    """`Idempotency-Key` of a request; the fingerprint tells a repeated request from another one with the same key."""
 
     scope: str
     key: str
@@ -82,7 +83,7 @@ class Retry:
 
 @dataclass(frozen=True)
 class NewResource:
-    """A resource to be stored, with all that belongs to it, in one transaction."""
+    """Resource to be stored, with all that belongs to it, in one transaction."""
 
     kind: Kind
     request: Mapping[str, Any]
@@ -96,7 +97,7 @@ class NewResource:
 
 @dataclass(frozen=True)
 class Job:
-    """A job as the ledger knows it."""
+    """Job as the queue stores it."""
 
     id: str
     kind: str
@@ -113,7 +114,7 @@ class Job:
 
 @dataclass(frozen=True)
 class JobEvent:
-    """One event of a job's history."""
+    """Event in the history of a job."""
 
     id: int
     event: str
@@ -122,7 +123,7 @@ class JobEvent:
 
 @dataclass(frozen=True)
 class Resource:
-    """A stored resource."""
+    """Stored resource."""
 
     id: str
     kind: Kind
@@ -131,25 +132,25 @@ class Resource:
     request: Mapping[str, Any]
     result: Mapping[str, Any] | None
     rests_on: tuple[tuple[str, str], ...]
-    """(role, id) of the resources that it needs."""
+    """(role, id) of the resources that it depends on."""
     objects: Mapping[str, Owned]
     job: Job | None
     tags: tuple[str, ...] = ()
     archived: bool = False
 
     def one(self, role: str) -> str:
-        """Give the id of the one resource that it needs in a role."""
-        (found,) = self.all(role)
-        return found
+        """Return the id of the only dependency in a role."""
+        (identifier,) = self.all(role)
+        return identifier
 
     def all(self, role: str) -> tuple[str, ...]:
-        """Give the ids of the resources that it needs in a role."""
+        """Return the ids of all dependencies in a role."""
         return tuple(identifier for name, identifier in self.rests_on if name == role)
 
 
 @dataclass(frozen=True)
 class Page:
-    """A part of a list, newest first; `cursor` gives the next part."""
+    """Page of a list, newest first; `cursor` leads to the next page."""
 
     items: tuple[Resource, ...]
     cursor: str | None

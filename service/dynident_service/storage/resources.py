@@ -1,4 +1,4 @@
-"""The repository of resources: create, get, list and delete, alike for all kinds."""
+"""The repository of resources: create, get, list and delete, for all kinds alike."""
 
 from __future__ import annotations
 
@@ -29,40 +29,73 @@ from dynident_service.storage.tables import (
 from dynident_service.storage.tombstones import announce
 
 MOST_DEPENDENTS = 20
-"""As many are listed of those that rest on what is to be deleted."""
+"""Upper limit for the dependents that an error lists."""
 
 
 class Resources:
-    """Robots, measurements, identifications, … as stored."""
+    """Repository of the stored resources: robots, measurements, identifications, …
+
+    Parameters
+    ----------
+    database : Database
+        Database with the rows.
+    objects : ObjectStore
+        Store with the files.
+    limits : Limits, optional
+        Limits of accounts that have none of their own.
+    """
 
     def __init__(self, database: Database, objects: ObjectStore, limits: Limits | None = None) -> None:
         self._database = database
         self._objects = objects
         self._limits = limits or Limits()
-        """Of accounts that have none of their own."""
+        """Limits of accounts that have none of their own."""
 
     def create(self, new: NewResource) -> Resource:
-        """Store a resource, what it rests on, its objects and its job, or nothing at all.
+        """Store a resource with its dependencies, objects and job, all or nothing.
 
-        A retry (same `Idempotency-Key`, same request) gives the resource of the first time. Raises ObjectGone if an
-        object was swept away since it was put, OverQuota where who asks may not have as much.
+        A retry (same `Idempotency-Key`, same request) returns the resource of the first request.
+
+        Raises
+        ------
+        ObjectGone
+            If an object was swept away since it was put.
+        OverQuota
+            If the account would exceed a limit.
         """
         return self._create(new.retry, [new], lambda session, owner: insert_one(session, self._objects, new, owner))
 
     def create_together(self, several: Sequence[NewResource], last: Callable[[list[str]], NewResource]) -> Resource:
-        """Store many resources and, made from their ids, a last one, in one transaction; gives the last one.
+        """Store many resources and a last one that is made from their ids, in one transaction.
 
-        A retry is one of the last one.
+        Parameters
+        ----------
+        several : sequence of NewResource
+            The first resources.
+        last : callable
+            Makes the last resource from the ids of the others. Its retry key is that of the request.
+
+        Returns
+        -------
+        Resource
+            The last one.
         """
 
         def inserted(session: Session, owner: str | None) -> Resource:
-            ids = [one.id for one in insert_all(session, self._objects, several, owner)]
+            ids = [resource.id for resource in insert_all(session, self._objects, several, owner)]
             return insert_one(session, self._objects, last(ids), owner)
 
+        # The retry key does not depend on the ids, which are not known yet.
         return self._create(last([]).retry, several, inserted)
 
     def known(self, retry: Retry | None) -> Resource | None:
-        """Give the resource that an earlier request with this key made, if there was one."""
+        """Return the resource that an earlier request with the same retry key created, or None.
+
+        Raises
+        ------
+        ProblemError
+            422 if the key was used with another request.
+        """
         if retry is None:
             return None
         with self._database.read() as session:
@@ -75,21 +108,21 @@ class Resources:
             return read(session, row.resource_id)
 
     def get(self, kind: Kind, identifier: str) -> Resource:
-        """Read one resource; a problem 404 if there is none."""
-        found = self.find(identifier)
-        if found is None or found.kind != kind:
+        """Return a resource; raise a problem 404 if there is none of this kind."""
+        resource = self.find(identifier)
+        if resource is None or resource.kind != kind:
             raise not_found(kind, identifier)
-        return found
+        return resource
 
     def find(self, identifier: str) -> Resource | None:
-        """Read a resource of whatever kind."""
+        """Return a resource of any kind, or None."""
         with self._database.read() as session:
             return read(session, identifier)
 
     def find_all(self, identifiers: Iterable[str]) -> dict[str, Resource]:
-        """Read resources of whatever kind by their ids, of those that are there."""
+        """Return the resources of any kind with these ids, as far as they exist, by id."""
         with self._database.read() as session:
-            return {one.id: one for one in read_those(session, identifiers)}
+            return {resource.id: resource for resource in read_those(session, identifiers)}
 
     def label(
         self,
@@ -100,7 +133,13 @@ class Resources:
         tags: Sequence[str] | None = None,
         archived: bool | None = None,
     ) -> Resource:
-        """Change name, tags or archive of a resource, as far as given; a problem 404 if there is none."""
+        """Change name, tags or archive flag of a resource; None leaves a value as it is.
+
+        Raises
+        ------
+        ProblemError
+            404 if there is no such resource.
+        """
         with self._database.write() as session:
             row = session.get(ResourceRow, identifier, with_for_update=True)
             if row is None or row.kind != kind:
@@ -115,35 +154,64 @@ class Resources:
         return self.get(kind, identifier)
 
     def attach(self, kind: Kind, identifier: str, result: Mapping[str, object], objects: Sequence[Owned]) -> Resource:
-        """Add to what came out for a resource, and to the objects that it owns; those of the same role are let go of.
+        """Add to the result of a resource and to its objects; objects of the same roles are replaced.
 
-        A problem 404 if there is no such resource; raises ObjectGone if an object was swept away since it was put,
-        OverQuota where the owner of the resource may not have as much.
+        Parameters
+        ----------
+        kind : Kind
+            Kind of the resource.
+        identifier : str
+            Its id.
+        result : mapping
+            Values that are added to the result, or replace those of the same names.
+        objects : sequence of Owned
+            New objects.
+
+        Raises
+        ------
+        ProblemError
+            404 if there is no such resource.
+        ObjectGone
+            If an object was swept away since it was put.
+        OverQuota
+            If the owner of the resource would exceed a limit.
         """
         with self._database.write() as session:
             payer = self._payer(session, identifier)
-            lock(session, payer)  # before the row: who creates something has it before the rows that this rests on
+            # The lock of the account comes before that of the row, as in `create`: the same order prevents a deadlock.
+            lock(session, payer)
             row = session.get(ResourceRow, identifier, with_for_update=True)
             if row is None or row.kind != kind:
                 raise not_found(kind, identifier)
             row.result = {**(row.result or {}), **result}
-            roles = [one.role for one in objects]
+            roles = [owned.role for owned in objects]
             before = select(ObjectRow).where(ObjectRow.resource_id == identifier, ObjectRow.role.in_(roles))
             gone = list(session.scalars(before))
-            announce(session, [one.key for one in gone])
-            for one in gone:
-                session.delete(one)
+            announce(session, [row.key for row in gone])
+            for former in gone:
+                session.delete(former)
             session.flush()
             check_bytes(session, payer, objects)
-            own(session, self._objects, [(identifier, one) for one in objects])
+            own(session, self._objects, [(identifier, owned) for owned in objects])
         return self.get(kind, identifier)
 
     def page(
         self, kind: Kind, limit: int, cursor: str | None = None, on_id: str | None = None, *, archived: bool = True
     ) -> Page:
-        """Read a part of the list of a kind, newest first, of those that rest on `on_id` if that is given.
+        """List resources of a kind, newest first.
 
-        Without `archived` those that are archived are left out.
+        Parameters
+        ----------
+        kind : Kind
+            Kind of the resources.
+        limit : int
+            Upper limit for their number.
+        cursor : str, optional
+            Where to continue, as the previous page gave it.
+        on_id : str, optional
+            Only resources that depend on this one.
+        archived : bool
+            Whether archived resources are listed too.
         """
         columns = RESOURCES.c
         query = WITH_JOBS.where(columns.kind == kind).order_by(columns.id.desc()).limit(limit + 1)
@@ -161,7 +229,13 @@ class Resources:
         return Page(items, items[-1].id if len(rows) > limit else None)
 
     def delete(self, kind: Kind, identifier: str) -> None:
-        """Delete a resource with its job and objects; a problem 409 if others rest on it or its job still runs."""
+        """Delete a resource with its job and objects.
+
+        Raises
+        ------
+        ProblemError
+            404 if there is none, 409 if others depend on it or its job is not finished.
+        """
         with self._database.write() as session:
             row = session.get(ResourceRow, identifier, with_for_update=True)
             if row is None or row.kind != kind:
@@ -171,9 +245,21 @@ class Resources:
             session.delete(row)
 
     def check_room(self, kind: Kind, files: Sequence[Path], attached_to: str | None = None) -> None:
-        """Raise OverQuota where there is no room for a new resource with these files, or for these files of another.
+        """Check that there is room for files before they are put into the store; it is checked again with their owner.
 
-        So that nothing is put in vain; it is looked at again when they come to be owned.
+        Parameters
+        ----------
+        kind : Kind
+            Kind of the resource that will own the files.
+        files : sequence of Path
+            The files.
+        attached_to : str, optional
+            Id of an existing resource that will own them; without it a new one will.
+
+        Raises
+        ------
+        OverQuota
+            If the account would exceed a limit.
         """
         account = acting()
         with self._database.read() as session:
@@ -191,7 +277,7 @@ class Resources:
                 check_bytes(session, account, owned)
 
     def _payer(self, session: Session, identifier: str) -> Account | None:
-        """For whom counts what is attached to a resource: its owner, whoever does it. Asks nothing without a limit."""
+        """Return the account that pays for files of a resource, which is its owner's; None where no limit applies."""
         account = acting()
         if not self._limits.bytes and (account is None or not account.limits.bytes):
             return None
@@ -217,7 +303,7 @@ class Resources:
             return known
 
     def put(self, content: bytes | Path) -> Stored:
-        """Put bytes or a file into the object store; a sweep deletes them if nobody comes to own them."""
+        """Put bytes or a file into the object store; the sweep deletes them unless a resource comes to own them."""
         with io.BytesIO(content) if isinstance(content, bytes) else content.open("rb") as file:
             key, size = digest(file)
             with self._database.write() as session:
@@ -225,7 +311,7 @@ class Resources:
             return self._objects.put_hashed(file, key, size)
 
     def put_as(self, role: str, content: bytes | Path, media_type: str) -> Owned:
-        """Put bytes or a file as `put` does, to be owned in a role."""
+        """Put bytes or a file into the object store, and return them as an object with a role."""
         stored = self.put(content)
         return Owned(role, stored.key, stored.size, media_type)
 
@@ -242,7 +328,7 @@ def _refuse_while_needed(session: Session, row: ResourceRow) -> None:
     if number:
         listed = session.execute(query.limit(MOST_DEPENDENTS))
         dependents = [Dependent(id=identifier, kind=kind) for identifier, kind in listed]
-        named = ", ".join(f"{one.kind} {one.id}" for one in dependents[:10])
+        named = ", ".join(f"{dependent.kind} {dependent.id}" for dependent in dependents[:10])
         more = f" and {number - 10} more" if number > 10 else ""
         detail = f"The {row.kind} {row.id} is needed by {named}{more}; delete these first."
         raise ProblemError(409, detail, title="Still needed", dependents=dependents, dependents_count=number)

@@ -1,4 +1,4 @@
-"""What is forgotten after a while: the course of jobs that ended long ago, keys of retries, unused imports."""
+"""Deletion of data that expires: events of jobs that ended long ago, retry keys, unused imports."""
 
 from __future__ import annotations
 
@@ -11,27 +11,35 @@ from dynident_service.storage.tables import DependencyRow, JobEventRow, JobRow, 
 from dynident_service.storage.tombstones import announce
 
 KEPT = 24 * 3600.0
-"""Seconds that an import is kept which nobody uses."""
+"""Seconds after which an unused import is deleted."""
 AT_ONCE = 200
-"""Imports, or jobs whose events, are deleted in one transaction, so that nobody waits long for the next."""
+"""Imports, or jobs with their events, that one transaction deletes, so that other writers do not wait long."""
 
 
-def forget(database: Database, kept: timedelta) -> int:
-    """Delete what is older; of a job's events the last stays, which says how it ended. Tells how many jobs."""
+def forget(database: Database, age: timedelta) -> int:
+    """Delete retry keys and events of jobs that ended more than `age` ago.
+
+    The last event of each job stays, as it says how the job ended.
+
+    Returns
+    -------
+    int
+        Number of jobs whose events were deleted.
+    """
     with database.write() as session:
-        session.execute(delete(RetryRow).where(RetryRow.created_at < clock(session) - kept))
+        session.execute(delete(RetryRow).where(RetryRow.created_at < clock(session) - age))
     forgotten = 0
-    while number := _forget_events(database, kept):
+    while number := _forget_events(database, age):
         forgotten += number
     return forgotten
 
 
-def _forget_events(database: Database, kept: timedelta) -> int:
+def _forget_events(database: Database, age: timedelta) -> int:
     with database.write() as session:
         old = (
             select(JobEventRow.job_id, func.max(JobEventRow.id))
             .join(JobRow, JobRow.id == JobEventRow.job_id)
-            .where(JobRow.finished_at < clock(session) - kept)
+            .where(JobRow.finished_at < clock(session) - age)
             .group_by(JobEventRow.job_id)
             .having(func.count() > 1)
             .limit(AT_ONCE)
@@ -42,13 +50,13 @@ def _forget_events(database: Database, kept: timedelta) -> int:
     return len(jobs)
 
 
-def forget_imports(database: Database, kept: timedelta) -> int:
-    """Delete the imports that are older and that nothing rests on; tells how many."""
+def forget_imports(database: Database, age: timedelta) -> int:
+    """Delete the imports older than `age` on which nothing depends, at most `AT_ONCE`; return their number."""
     with database.write() as session:
         used = select(DependencyRow.on_id).where(DependencyRow.on_id == ResourceRow.id).exists()
         old = session.scalars(
             select(ResourceRow)
-            .where(ResourceRow.kind == "import", ResourceRow.created_at < clock(session) - kept, ~used)
+            .where(ResourceRow.kind == "import", ResourceRow.created_at < clock(session) - age, ~used)
             .limit(AT_ONCE)
         ).all()
         for row in old:

@@ -1,4 +1,4 @@
-"""Whether there is room on the disk, and whether something failed because there is none left."""
+"""Room on the disk, and recognition of failures that a full disk caused."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from dynident_service.problems import ProblemError
 
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 SAID = ("no space left on device", "disk is full", "disk quota exceeded", "disk full")
+"""Phrases in errors of databases and stores that mean a full disk."""
 
 
 def is_full(error: BaseException | None) -> bool:
-    """Tell whether an error, or what it came from, is a disk that is full; stores and databases say so in words."""
-    seen: set[int] = set()
-    while error is not None and id(error) not in seen:
-        seen.add(id(error))
+    """Return whether an error, or one that it came from, means that a disk is full."""
+    visited: set[int] = set()
+    # Causes of exceptions may form a circle.
+    while error is not None and id(error) not in visited:
+        visited.add(id(error))
         if isinstance(error, OSError) and error.errno in FULL:
             return True
         if any(words in str(error).lower() for words in SAID):
@@ -26,7 +28,10 @@ def is_full(error: BaseException | None) -> bool:
 
 
 def require_room(folder: Path, size: int, reserved: int) -> None:
-    """Refuse what would fill the disk to the brim: the database needs room too, even to delete something."""
+    """Raise a problem 507 if `size` bytes would leave fewer than `reserved` bytes free.
+
+    The database needs some room even to delete something.
+    """
     if shutil.disk_usage(folder).free < size + reserved:
         detail = "The disk of the service is nearly full (DYNIDENT_RESERVED_BYTES), so nothing was stored; make room."
         raise ProblemError(507, detail, title="Disk full")

@@ -1,7 +1,7 @@
-"""The tables.
+"""The tables of the database.
 
-Every resource is a request, what came out of it, the objects it owns, and what it rests on; so one table holds the
-resources of all kinds, and deleting, listing and retrying work alike for all of them.
+Every resource consists of a request, its result, the objects that it owns and its dependencies. One table therefore
+holds the resources of all kinds, and deleting, listing and retrying work alike for all of them.
 """
 
 from __future__ import annotations
@@ -40,54 +40,54 @@ NAMING = {
 
 
 class UtcDateTime(TypeDecorator[datetime]):
-    """A time that is UTC on every database (SQLite forgets the zone)."""
+    """Column type for times in UTC on every database; SQLite does not store the zone."""
 
     impl = DateTime(timezone=True)
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """Store as UTC."""
+        """Convert to UTC for the database."""
         return None if value is None else value.astimezone(UTC)
 
     def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """Read as UTC."""
+        """Convert to UTC from the database."""
         if value is None:
             return None
         return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
 
 
 class UnusableText(ProblemError, DontWrapMixin):
-    """A text that no database takes; not wrapped, so that it is answered as what it is."""
+    """A text that no supported database can store; not wrapped by SQLAlchemy, so that the user gets its message."""
 
 
 class Text(TypeDecorator[str]):
-    """A text without U+0000, which PostgreSQL cannot hold: whoever sends one is told, whatever the database."""
+    """Column type for texts without U+0000, which PostgreSQL cannot store; refused on every database alike."""
 
     impl = String
     cache_ok = True
 
     def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
-        """Refuse what cannot be stored or looked for."""
+        """Raise UnusableText for a text that cannot be stored."""
         if value is not None:
             check_text(value)
         return value
 
 
 def check_text(*texts: str) -> None:
-    """Raise UnusableText for a text that no database takes."""
+    """Raise UnusableText for a text that no supported database can store."""
     for text in texts:
         if "\0" in text:
             raise UnusableText(422, f"{text[:80]!r} holds the character U+0000; leave it out.", title="Unusable text")
 
 
 def _of_owners(column: str, table: str) -> Index:
-    """What belongs to somebody, by whom; where no key is asked for, nothing is written there."""
+    """Return an index by owner. Rows without an owner are left out, so it costs nothing where no keys are used."""
     owned = sql("owner IS NOT NULL")
     return Index(f"ix_{table}_owner_{column}", "owner", column, sqlite_where=owned, postgresql_where=owned)
 
 
 def now() -> datetime:
-    """Give the time, in UTC."""
+    """Return the current time in UTC."""
     return datetime.now(UTC)
 
 
@@ -99,7 +99,7 @@ class Table(DeclarativeBase):
 
 
 class ResourceRow(Table):
-    """One robot, measurement, identification, …: what was asked, and what came out."""
+    """Resource of any kind: robot, measurement, identification, …, with its request and its result."""
 
     __tablename__ = "resources"
 
@@ -117,7 +117,7 @@ class ResourceRow(Table):
 
 
 class DependencyRow(Table):
-    """`dependent_id` rests on `on_id`, which therefore cannot be deleted."""
+    """Dependency: `dependent_id` needs `on_id`, which therefore cannot be deleted."""
 
     __tablename__ = "dependencies"
 
@@ -127,7 +127,7 @@ class DependencyRow(Table):
 
 
 class ObjectRow(Table):
-    """An object in the object store that a resource owns (several may own the same)."""
+    """Object in the object store that a resource owns; several resources may own the same one."""
 
     __tablename__ = "objects"
 
@@ -139,7 +139,7 @@ class ObjectRow(Table):
 
 
 class TombstoneRow(Table):
-    """An object that a resource has let go of, or that one may soon own: the sweep looks who owns it, later."""
+    """Object that may have no owner: a resource gave it up, or one is about to own it. The sweep checks it later."""
 
     __tablename__ = "tombstones"
 
@@ -148,7 +148,7 @@ class TombstoneRow(Table):
 
 
 class JobRow(Table):
-    """The ledger: one computation, where it stands, and who holds it until when."""
+    """Job: a computation, its state, and who holds it until when."""
 
     __tablename__ = "jobs"
 
@@ -178,7 +178,7 @@ class JobRow(Table):
 
 
 class CheckpointRow(Table):
-    """What a job that has not ended has reached; its next attempt goes on from there."""
+    """Checkpoint of an unfinished job, from which its next attempt continues."""
 
     __tablename__ = "checkpoints"
 
@@ -187,7 +187,7 @@ class CheckpointRow(Table):
 
 
 class JobEventRow(Table):
-    """What happened to a job, in order; the id is what `Last-Event-ID` resumes from."""
+    """Event of a job, in order; `Last-Event-ID` names its id."""
 
     __tablename__ = "job_events"
 
@@ -198,7 +198,7 @@ class JobEventRow(Table):
 
 
 class RetryRow(Table):
-    """An `Idempotency-Key` that was used, and the resource that it made."""
+    """`Idempotency-Key` that was used, and the resource that the request created."""
 
     __tablename__ = "retries"
 
@@ -210,7 +210,7 @@ class RetryRow(Table):
 
 
 class KeyRow(Table):
-    """An API key, as its SHA-256, with what it allows."""
+    """API key, as its SHA-256, with what it allows."""
 
     __tablename__ = "api_keys"
 
@@ -227,7 +227,7 @@ class KeyRow(Table):
 
 
 def table_of(rows: type[Table]) -> Tables:
-    """The table of rows, for statements without the ORM."""
+    """Return the table of a row class, for statements without the ORM."""
     return cast(Tables, rows.__table__)
 
 

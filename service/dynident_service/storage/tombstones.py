@@ -1,15 +1,15 @@
-"""Objects are let go of by a tombstone and swept away later, so that none is deleted that somebody comes to own.
+"""Safe deletion of objects: they get a tombstone first and are swept away later, unless somebody owns them again.
 
-Objects are kept under the hash of their bytes, so two resources may own the same one, and one may be deleted in the
-moment in which the other is made. Three rules keep what is owned:
+Objects are stored under the hash of their bytes, so two resources may own the same one, and one resource may be deleted
+in the moment in which the other is created. Three rules protect owned objects:
 
-1. Who is about to put an object raises its tombstone before (`announce`); who lets go of one, in the transaction that
-   does so. Whatever is cut off in between, every object is owned or has a tombstone.
-2. Who comes to own an object looks whether it is there, and holds its lock until the owner is committed (`hold`).
-3. The sweep deletes an object only behind an old tombstone, while it has the lock for itself and nobody owns it.
+1. Before an object is put, its tombstone is raised (`announce`); a resource that gives up an object raises it in the
+   same transaction. Wherever a process is cut off, every object has an owner or a tombstone.
+2. Who comes to own an object checks that it is there, and holds its lock until the ownership is committed (`hold`).
+3. The sweep deletes an object only if its tombstone is old, the sweep has the lock for itself, and nobody owns it.
 
-By 2 and 3, either the sweep sees the owner and spares the object, or the owner sees that it is gone and puts it again.
-The lock is the one writer of SQLite, and an advisory lock of the key on PostgreSQL.
+By 2 and 3, either the sweep sees the owner and spares the object, or the owner sees that the object is gone and puts it
+again. The lock is the single writer of SQLite, and an advisory lock of the key on PostgreSQL.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from dynident_service.storage.tables import ObjectRow, TombstoneRow
 
 
 class ObjectGone(Exception):
-    """An object was swept away before anybody owned it: put it again, then try again."""
+    """An object was swept away before anybody owned it; put it again and retry."""
 
 
 def announce(session: Session, keys: Iterable[str]) -> None:
-    """Raise the tombstones of objects, or make them young again."""
+    """Raise the tombstones of objects, or renew their time."""
     since = clock(session)
     dialect: Any = sqlite if _is_sqlite(session) else postgresql
     for key in sorted(set(keys)):  # in one order, so that two who raise several never wait for each other
@@ -42,16 +42,29 @@ def announce(session: Session, keys: Iterable[str]) -> None:
 
 
 def hold(session: Session, objects: ObjectStore, owned: Iterable[Owned]) -> None:
-    """Keep the sweep off objects until this transaction ends; raises ObjectGone if one is not there as it should be."""
-    for one in sorted(owned, key=lambda each: each.key):
+    """Lock objects against the sweep until the end of the transaction.
+
+    Raises
+    ------
+    ObjectGone
+        If an object is not in the store with the right size.
+    """
+    # All transactions lock in the same order, so that no two wait for each other.
+    for owned_object in sorted(owned, key=lambda owned_object: owned_object.key):
         if not _is_sqlite(session):
-            session.execute(select(func.pg_advisory_xact_lock_shared(_number(one.key))))
-        if objects.size(one.key) != one.size:
-            raise ObjectGone(one.key)
+            session.execute(select(func.pg_advisory_xact_lock_shared(_number(owned_object.key))))
+        if objects.size(owned_object.key) != owned_object.size:
+            raise ObjectGone(owned_object.key)
 
 
 def sweep(database: Database, objects: ObjectStore, grace: timedelta) -> int:
-    """Delete the objects that nobody has owned for a while, each in a transaction of its own; tells how many."""
+    """Delete the objects whose tombstone is older than `grace` and that nobody owns, each in its own transaction.
+
+    Returns
+    -------
+    int
+        Number of objects that were deleted.
+    """
     with database.read() as session:
         until = clock(session) - grace
         due = session.scalars(select(TombstoneRow.key).where(TombstoneRow.since <= until)).all()
@@ -62,7 +75,8 @@ def _sweep_one(database: Database, objects: ObjectStore, key: str, until: dateti
     with database.write() as session:
         if not _is_sqlite(session) and not session.scalar(select(func.pg_try_advisory_xact_lock(_number(key)))):
             return False  # somebody is about to own it
-        # The tombstone first: who raises it again meanwhile waits here, or is seen here.
+        # The tombstone goes first: a transaction that raises it again meanwhile either waits for this one, or has
+        # committed before and given it a new time, so that nothing is deleted here.
         gone = delete(TombstoneRow).where(TombstoneRow.key == key, TombstoneRow.since <= until)
         if session.scalar(gone.returning(TombstoneRow.key)) is None:
             return False
@@ -77,5 +91,5 @@ def _is_sqlite(session: Session) -> bool:
 
 
 def _number(key: str) -> int:
-    """The number of an object's advisory lock: 64 bits of its hash, signed."""
+    """Return the number of an object's advisory lock: 64 bits of its hash, signed."""
     return int.from_bytes(bytes.fromhex(key[:16]), "big", signed=True)

@@ -1,6 +1,6 @@
-"""The turns of a job: it is taken, goes on, is given back, and ends; each is a few statements within a transaction.
+"""State transitions of a job: it is added, claimed, kept, given back and ended, by a few statements in a transaction.
 
-By SQLAlchemy's Core, put together once: SQLite has one writer, which all others wait for meanwhile.
+The statements use SQLAlchemy's Core and are compiled once: SQLite has a single writer, for which all others wait.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from dynident_service.storage.records import Job, NewJob, State
 from dynident_service.storage.tables import CHECKPOINTS, EVENTS, JOBS
 
 REQUEST = "dynident.request"
-"""Where the arguments of a job have the request that submitted it; its function is not given that."""
+"""Key in the stored arguments of a job for the id of the request that submitted it; its function does not get it."""
 TRACE = "dynident.trace"
-"""And its span, where it was traced."""
+"""Key in the stored arguments for the span of that request, if it was traced."""
 
 _ADD_JOBS, _ADD_EVENTS = insert(JOBS), insert(EVENTS)
 _OF_HELD = (JOBS.c.id, JOBS.c.attempt, JOBS.c.lease_until, JOBS.c.cancel_requested, JOBS.c.deaths, JOBS.c.losses)
@@ -48,12 +48,13 @@ _QUEUED, _RUNNING = JOBS.c.state == "queued", JOBS.c.state == "running"
 _FIRST_OWNER = select(func.min(JOBS.c.owner).label("owner")).where(_QUEUED).cte("owners", recursive=True)
 _NEXT_OWNER = select(func.min(JOBS.c.owner)).where(_QUEUED, JOBS.c.owner > _FIRST_OWNER.c.owner).scalar_subquery()
 _OWNERS = _FIRST_OWNER.union_all(select(_NEXT_OWNER).where(_FIRST_OWNER.c.owner.is_not(None)))
-"""Who has queued jobs: each is found by the index from the one before, however many jobs there are. The last row is
-NULL, for the jobs of nobody."""
+"""Owners that have queued jobs. The recursion finds each by the index from the previous one, however many jobs there
+are. The last row is NULL, for jobs without an owner.
+"""
 
 
 def _of_each_owner(query: Select[Any]) -> ColumnElement[Any]:
-    """Ask about the jobs of each of the owners; written twice, as only so PostgreSQL takes the index for both."""
+    """Return a subquery for the jobs of each owner; only written twice PostgreSQL uses the index for both cases."""
     of_nobody = query.where(JOBS.c.owner.is_(None)).scalar_subquery()
     return case(
         (_OWNERS.c.owner.is_(None), of_nobody), else_=query.where(JOBS.c.owner == _OWNERS.c.owner).scalar_subquery()
@@ -68,7 +69,8 @@ _TURNS: Select[Any] = select(
 
 
 def _take_oldest(*of_owner: ColumnElement[bool]) -> ReturningUpdate[Any]:
-    # Apart, so that PostgreSQL looks for it once, however it finds the row that it writes.
+    # A separate common table expression, so that PostgreSQL searches once, whatever its plan for the update.
+    # SKIP LOCKED lets several services claim at a time without waiting for each other.
     oldest = (
         select(JOBS.c.id)
         .where(_QUEUED, *of_owner)
@@ -110,7 +112,7 @@ _FORGET = delete(CHECKPOINTS).where(CHECKPOINTS.c.job_id == bindparam("job"))
 
 @dataclass(frozen=True)
 class Claim:
-    """The right to work on a job; the attempt fences off earlier holders."""
+    """Right of a worker to work on a job; the number of the attempt excludes earlier holders."""
 
     job_id: str
     attempt: int
@@ -118,24 +120,41 @@ class Claim:
     arguments: Mapping[str, Any]
     resource_id: str | None
     request_id: str | None = None
-    """The request that submitted the job, for the log."""
+    """Request that submitted the job, for the log."""
     trace: str | None = None
-    """The span of that request, where it was traced."""
+    """Span of that request, if it was traced."""
 
     @property
     def place(self) -> dict[str, object]:
-        """By which statements find the job, as long as the claim holds."""
+        """Parameters with which a statement finds the job while the claim holds."""
         return {"job": self.job_id, "claimed": self.attempt}
 
 
 def add_jobs(
     session: Session, several: Sequence[tuple[NewJob, str | None]], moment: datetime, owner: str | None = None
 ) -> list[Job]:
-    """Insert jobs of an owner, each for a resource or for none, within a transaction; the caller commits."""
+    """Insert queued jobs within a transaction; the caller commits.
+
+    Parameters
+    ----------
+    session : Session
+        Session that writes.
+    several : sequence of tuple of NewJob and str or None
+        The jobs, each with the id of its resource.
+    moment : datetime
+        Current time.
+    owner : str, optional
+        Name of the API key that they belong to.
+
+    Returns
+    -------
+    list of Job
+        In the same order.
+    """
     if not several:
         return []
-    told = {REQUEST: current_request(), TRACE: traces.current()}
-    more = {name: value for name, value in told.items() if value is not None}
+    origin = {REQUEST: current_request(), TRACE: traces.current()}
+    more = {name: value for name, value in origin.items() if value is not None}
     jobs = [
         Job(new_identifier("job"), new.kind, resource_id, "queued", 0.0, "", None, 0, moment, None, None)
         for new, resource_id in several
@@ -151,11 +170,27 @@ def add_jobs(
 
 
 def take(connection: Connection, most: int, moment: datetime, until: datetime) -> list[Claim]:
-    """Begin as many queued jobs, which are held until then: each the oldest of the owner of whom the fewest run."""
+    """Claim queued jobs, always the oldest one of the owner with the fewest running jobs.
+
+    Parameters
+    ----------
+    connection : Connection
+        Connection that writes.
+    most : int
+        Upper limit for the number of jobs.
+    moment, until : datetime
+        Current time, and end of the lease.
+
+    Returns
+    -------
+    list of Claim
+        The claims.
+    """
     claims: list[Claim] = []
     passed_over: set[str | None] = set()
     """Owners all of whose jobs others are about to take."""
     while len(claims) < most:
+        # Counted again for each job, as the one before has changed the numbers.
         rows = [row for row in connection.execute(_TURNS) if row.oldest is not None and row.owner not in passed_over]
         if not rows:
             break
@@ -171,38 +206,44 @@ def take(connection: Connection, most: int, moment: datetime, until: datetime) -
 
 
 def find_held(connection: Connection, claim: Claim) -> Row[object] | None:
-    """Give the job of a claim and keep it from others until this transaction ends; `None` where it holds no more."""
+    """Return the row of a claimed job and lock it until the end of the transaction; None if the claim does not hold."""
     return connection.execute(_FIND_HELD, claim.place).one_or_none()
 
 
 def find_expired(connection: Connection, moment: datetime) -> Sequence[Row[object]]:
-    """Give the jobs whose leases have run out, as `find_held`."""
+    """Return and lock the rows of running jobs whose leases have expired."""
     return connection.execute(_EXPIRED, {"moment": moment}).all()
 
 
 def hold_on(connection: Connection, claim: Claim, until: datetime) -> bool | None:
-    """Hold a job longer; tells whether it is to be cancelled, `None` where the claim holds no more."""
+    """Extend the lease of a claim.
+
+    Returns
+    -------
+    bool or None
+        Whether the job is to be cancelled; None if the claim does not hold.
+    """
     return connection.execute(_RENEW, {**claim.place, "until": until}).scalar()
 
 
 def go_on(connection: Connection, claim: Claim, fraction: float, message: str) -> bool:
-    """Record how far a job is; tells whether anybody waits for it."""
-    said = message[:300]
-    if connection.execute(_GO_ON, {**claim.place, "done": fraction, "told": said}).scalar() is None:
+    """Record the progress of a job; return False if the claim does not hold or the job is to be cancelled."""
+    shortened = message[:300]
+    if connection.execute(_GO_ON, {**claim.place, "done": fraction, "told": shortened}).scalar() is None:
         return False
-    _say(connection, [claim.job_id], {"fraction": fraction, "message": said}, "progress")
+    _say(connection, [claim.job_id], {"fraction": fraction, "message": shortened}, "progress")
     return True
 
 
 def requeue(connection: Connection, row: Row[object], *, deaths: int = 0, losses: int = 0) -> None:
-    """Give a job back, with so many more deaths and losses."""
+    """Queue a job again, and add to its numbers of deaths and losses."""
     counted = {"job": row.id, "died": row.deaths + deaths, "lost": row.losses + losses}
     connection.execute(_REQUEUE, counted)
     _say(connection, [row.id], {"state": "queued"})
 
 
 def bury(session: Session, row: Row[object], most: int, reason: str, *, deaths: int = 0, losses: int = 0) -> None:
-    """Give a job back that died or was lost, unless it is not wanted any more or that happened too often."""
+    """Queue a job again that died or was lost; end it if it was cancelled or that has happened `most` times."""
     connection = session.connection()
     times = row.deaths + deaths if deaths else row.losses + losses
     if not row.cancel_requested and times < most:
@@ -217,16 +258,16 @@ def bury(session: Session, row: Row[object], most: int, reason: str, *, deaths: 
 
 
 def cancel_all(connection: Connection, resources: Sequence[str], moment: datetime) -> None:
-    """Ask for the jobs of resources to be stopped; those that have not begun end at once, those that ended stay."""
+    """Cancel the jobs of resources: queued ones at once, running ones by asking their workers."""
     ended = list(connection.execute(_CANCEL_QUEUED, {"resources": resources, "moment": moment}).scalars())
-    # What another service took meanwhile runs by now.
+    # In this order: a job that another service claims between the two statements is running then, and is found here.
     connection.execute(_CANCEL_RUNNING, {"resources": resources})
     connection.execute(_FORGET_ALL, {"jobs": ended})
     _say(connection, ended, {"state": "cancelled"})
 
 
 def end(session: Session, job_id: str, state: State, problem: Problem | None = None) -> None:
-    """End a job; what it had reached is needed no more."""
+    """Set the final state of a job, and delete its checkpoint."""
     connection = session.connection()
     error = None if problem is None else problem.model_dump(exclude_none=True)
     connection.execute(_FORGET, {"job": job_id})
@@ -235,8 +276,9 @@ def end(session: Session, job_id: str, state: State, problem: Problem | None = N
 
 
 def _say(connection: Connection, job_ids: Sequence[str], data: Mapping[str, Any], event: str = "state") -> None:
+    """Add an event to the history of jobs."""
     if job_ids:
-        connection.execute(_ADD_EVENTS, [{"job_id": one, "event": event, "data": data} for one in job_ids])
+        connection.execute(_ADD_EVENTS, [{"job_id": job_id, "event": event, "data": data} for job_id in job_ids])
 
 
 def _claim(row: Row[Any]) -> Claim:

@@ -1,4 +1,8 @@
-"""What jobs do: read the inputs, call the science, give the results. Imported ahead by the child processes."""
+"""Functions of jobs: they read the inputs, call the science and return the results. Child processes import them ahead.
+
+The queue stores these functions as "module:name". A function or module that is renamed must stay importable by its old
+name while a database may hold jobs with it.
+"""
 
 from dynident_service.work import (
     comparisons,

@@ -1,4 +1,4 @@
-"""What requests have computed while they wait: plain values in, plain values out."""
+"""Computations that requests wait for: plain values in, plain values out, as they cross a pipe."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from dynident_service.problems import ProblemError
 
 
 def describe(request: Mapping[str, object]) -> dict[str, object]:
-    """Describe a robot: its joints and its base parameters."""
+    """Return the description of a robot: its joints and its base parameters."""
     body = RobotRequest.model_validate(request)
     robot = robot_from_request(body)
     return plain(describe_robot(robot, base_parameters_of(robot, body.base_parameters_tolerance)))
@@ -39,27 +39,41 @@ def describe(request: Mapping[str, object]) -> dict[str, object]:
 def take_meshes(
     request: Mapping[str, object], sent: Mapping[str, str], kept: Mapping[str, str], destination: str
 ) -> dict[str, object]:
-    """Read the meshes that were sent for a robot beside those that it has, and write its geometry into a file.
+    """Read mesh files of a robot and write its geometry.
 
-    `sent` are files by the names that they were sent with, `kept` by those of the meshes. Gives all meshes of the
-    description (`meshes`), which of the sent files is which (`chosen`), and those that are none (`unused`).
+    Parameters
+    ----------
+    request : mapping
+        Request that the robot was created by.
+    sent : mapping of str to str
+        Paths of uploaded files, by the names under which they were sent.
+    kept : mapping of str to str
+        Paths of the files that the robot has already, by mesh name.
+    destination : str
+        File for the geometry.
+
+    Returns
+    -------
+    dict
+        All meshes of the description (`meshes`), the uploaded file of each (`chosen`), and the files that belong to no
+        mesh (`unused`).
     """
     robot = robot_of(request)
-    found = chosen(robot, {name: Path(path) for name, path in sent.items()}) if sent else {}
-    files = {**kept, **{name: sent[file] for name, file in found.items()}}
+    file_names = chosen(robot, {name: Path(path) for name, path in sent.items()}) if sent else {}
+    files = {**kept, **{name: sent[file] for name, file in file_names.items()}}
     geometry = geometry_with(robot, {name: Path(path) for name, path in files.items()})
     Path(destination).write_text(geometry.model_dump_json(), encoding="utf-8")
     meshes = [plain(MeshView(name=name, links=list(links))) for name, links in collision_meshes(robot).items()]
-    return {"meshes": meshes, "chosen": found, "unused": sorted(set(sent) - set(found.values()))}
+    return {"meshes": meshes, "chosen": file_names, "unused": sorted(set(sent) - set(file_names.values()))}
 
 
 def import_measurement(
     source: str, destination: str, robot: Mapping[str, object], metadata: Mapping[str, object], sha256: str
 ) -> dict[str, object]:
-    """Check a file, write its recording, and describe it."""
-    said = MeasurementMetadata.model_validate(metadata)
+    """Check a recorded file, write it as a recording, and return its description."""
+    sent_metadata = MeasurementMetadata.model_validate(metadata)
     try:
-        recording, checks = import_file(Path(source), Path(destination), robot_of(robot), said)
+        recording, checks = import_file(Path(source), Path(destination), robot_of(robot), sent_metadata)
     except RecordingError as error:
         raise ProblemError.of(problem_with_file(error)) from error
     return plain(describe_recording(recording, checks, sha256))
@@ -68,7 +82,7 @@ def import_measurement(
 def look_at_file(
     source: str, robot: Mapping[str, object], metadata: Mapping[str, object], sha256: str
 ) -> dict[str, object]:
-    """Look at a file: what its columns most probably are."""
+    """Return what the columns of a recorded file most probably are."""
     try:
         return plain(look_at(Path(source), robot_of(robot), ImportMetadata.model_validate(metadata), sha256))
     except RecordingError as error:
@@ -85,7 +99,21 @@ def write_raw_signals(
     end: float | None,
     points: int | None,
 ) -> None:
-    """Write signals of a file as JSON: those from `start` to `end` in s, all or about `points` of them."""
+    """Write signals of a file as JSON.
+
+    Parameters
+    ----------
+    source, destination : str
+        Recorded file, and file to write.
+    robot, metadata : mapping
+        Request of the robot, and metadata of the file.
+    signals : list of str
+        Names of the signals.
+    start, end : float or None
+        Interval in seconds; None for the whole file.
+    points : int or None
+        Approximate number of samples; None for all.
+    """
     opened = as_recorded(Path(source), robot_of(robot), MeasurementMetadata.model_validate(metadata), signals)
     with Path(destination).open("wb") as file:
         if points is None:
@@ -95,26 +123,26 @@ def write_raw_signals(
 
 
 def find_standstills(recording: str) -> dict[str, object]:
-    """Find when every joint of a stored recording stands."""
+    """Return the intervals in which every joint of a stored recording stands still."""
     return plain(standstills(open_recording(Path(recording))))
 
 
 def clearances(
     request: Mapping[str, object], robot: Mapping[str, object], meshes: Mapping[str, str], trajectory: str, points: int
 ) -> dict[str, object]:
-    """Tell what the links of a robot are nearest to along a design; `meshes` are files by the names of the meshes."""
-    asked = DesignRequest.model_validate(request)
+    """Return what the links of a robot come nearest to along a design; `meshes` are files by mesh name."""
+    design_request = DesignRequest.model_validate(request)
     with mesh_folders({name: Path(path) for name, path in meshes.items()}) as folders:
-        return plain(clearances_of(asked, robot_of(robot), Path(trajectory), folders, points))
+        return plain(clearances_of(design_request, robot_of(robot), Path(trajectory), folders, points))
 
 
 def essential(model: str, ratio: float) -> dict[str, object]:
-    """Find the essential parameters of the model in a file."""
+    """Return the essential parameters of the model in a file."""
     return plain(describe_essential(essential_parameters(_read(model), ratio)))
 
 
 def correlation(model: str) -> dict[str, object]:
-    """Describe how the estimates of the model in a file depend on one another."""
+    """Return how the estimates of the model in a file depend on one another."""
     return plain(shown(CorrelationView, parameter_dependence(_read(model))))
 
 

@@ -1,4 +1,4 @@
-"""Jobs that hold a model against a measurement."""
+"""Jobs that compare a model with a measurement."""
 
 from __future__ import annotations
 
@@ -17,17 +17,20 @@ from dynident_service.work.means import model_by_id, recording_by_id, recordings
 
 
 def compare_model(task: Task) -> Outcome:
-    """Predict the torque along a measurement and hold it against what was measured."""
+    """Predict the torque along a measurement and compare it with the measured one."""
     request = ComparisonRequest.model_validate(task.subject.request)
     model = model_by_id(task, request.identification_id)
     recording = recording_by_id(task, request.measurement_id)
     identification = task.resources.get("identification", request.identification_id)
-    learnt = StoredIdentification.model_validate(identification.request).measurement_ids
-    held_out = request.measurement_id not in learnt
-    found = compare(model, recording, part(task.progress, 0.0, 0.8))
+    training_ids = StoredIdentification.model_validate(identification.request).measurement_ids
+    # Errors on data that the model was fitted to say little about its quality, so the result says which kind it is.
+    held_out = request.measurement_id not in training_ids
+    comparison = compare(model, recording, part(task.progress, 0.0, 0.8))
     task.progress(0.8, "looking for repeated motion")
-    judged = judge(found, recording, model.preprocessing, recordings_by_id(task, learnt) if held_out else ())
+    assessment = judge(
+        comparison, recording, model.preprocessing, recordings_by_id(task, training_ids) if held_out else ()
+    )
     with tempfile.TemporaryDirectory() as folder:
-        path = write_comparison(found, Path(folder) / "signals.parquet")
+        path = write_comparison(comparison, Path(folder) / "signals.parquet")
         signals = task.keep("signals", path, "application/vnd.apache.parquet")
-    return Outcome(plain(describe_comparison(found, judged, held_out)), (signals,))
+    return Outcome(plain(describe_comparison(comparison, assessment, held_out)), (signals,))

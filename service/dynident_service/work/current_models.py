@@ -15,11 +15,11 @@ from dynident_service.work.means import recordings_by_id, robot_by_id
 def find_currents(task: Task) -> Outcome:
     """Identify every joint's parameters in units of its current."""
     request = CurrentModelsRequest.model_validate(task.subject.request)
-    found = identify_currents(
+    joint_models = identify_currents(
         robot_by_id(task, request.robot_id),
         recordings_by_id(task, request.measurement_ids),
         recordings_by_id(task, request.validation_ids),
         effects=choices_of(request.effects) if request.effects else PLAIN_EFFECTS,
         progress=task.progress,
     )
-    return Outcome(plain(shown(CurrentModelsResult, None, joints=found)))
+    return Outcome(plain(shown(CurrentModelsResult, None, joints=joint_models)))

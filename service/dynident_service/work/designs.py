@@ -18,17 +18,18 @@ from dynident_service.work.means import recordings_by_id, robot_by_id
 
 def design(task: Task) -> Outcome:
     """Design an experiment."""
-    asked = DesignRequest.model_validate(task.subject.request)
-    robot = robot_by_id(task, asked.robot_id)
-    earlier = recordings_by_id(task, asked.earlier_ids)
-    meshes = meshes_of(task.resources.get("robot", asked.robot_id))
-    with mesh_folders({name: task.objects.path(one.key) for name, one in meshes.items()}) as folders:
-        request = request_of(asked, robot)
-        around = replace(request.surroundings, mesh_folders=tuple(map(str, folders)))
-        found = design_experiment(
-            robot, replace(request, surroundings=around), task.progress, earlier, task.checkpoints
+    sent_request = DesignRequest.model_validate(task.subject.request)
+    robot = robot_by_id(task, sent_request.robot_id)
+    earlier = recordings_by_id(task, sent_request.earlier_ids)
+    meshes = meshes_of(task.resources.get("robot", sent_request.robot_id))
+    # Descriptions name meshes by path, so the stored files are given these names in a temporary folder.
+    with mesh_folders({name: task.objects.path(file.key) for name, file in meshes.items()}) as folders:
+        request = request_of(sent_request, robot)
+        surroundings = replace(request.surroundings, mesh_folders=tuple(map(str, folders)))
+        planned = design_experiment(
+            robot, replace(request, surroundings=surroundings), task.progress, earlier, task.checkpoints
         )
     with tempfile.TemporaryDirectory() as folder:
-        path = write_trajectory(found, Path(folder) / "trajectory.parquet")
+        path = write_trajectory(planned, Path(folder) / "trajectory.parquet")
         trajectory = task.keep("trajectory", path, "application/vnd.apache.parquet")
-    return Outcome(plain(describe_design(found)), (trajectory,))
+    return Outcome(plain(describe_design(planned)), (trajectory,))

@@ -1,4 +1,4 @@
-"""Jobs that find what is missing in a model."""
+"""Jobs that find which effects a model lacks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dynident_service.work.means import model_by_id, recordings_by_id
 
 
 def diagnose_model(task: Task) -> Outcome:
-    """Find what is missing in an identified model."""
+    """Find which effects an identified model lacks, and propose the next experiment."""
     subject = task.subject
     request = DiagnosisRequest.model_validate(subject.request)
     choices = taken(request, DiagnosisChoices)
@@ -32,11 +32,14 @@ def diagnose_model(task: Task) -> Outcome:
         most_effects=choices.max_effects,
         progress=part(task.progress, 0.0, 0.9),
     )
-    found = advise(examined)
-    shown, seen, _ = together(model, earlier, recordings) if earlier else (model, recordings, ())
-    drawn = evidence(shown, found.candidates, seen, part(task.progress, 0.9, 1.0))
-    kept = task.keep("evidence", write_evidence(drawn, model.model.robot), "application/json")
+    diagnosis = advise(examined)
+    # With a baseline, the evidence is of a model identified on all recordings as if nothing had changed.
+    explained_model, explained_recordings, _ = (
+        together(model, earlier, recordings) if earlier else (model, recordings, ())
+    )
+    figures = evidence(explained_model, diagnosis.candidates, explained_recordings, part(task.progress, 0.9, 1.0))
+    evidence_file = task.keep("evidence", write_evidence(figures, model.model.robot), "application/json")
     # Those that were diagnosed: tests of single joints' friction are left out.
     everything = zip((*request.baseline_ids, *measurement_ids), (*earlier, *recordings), strict=True)
-    used = [one for one, recording in everything if recording.role != "friction"]
-    return Outcome(plain(describe_diagnosis(found, identification.one("robot"), used)), (kept,))
+    diagnosed_ids = [identifier for identifier, recording in everything if recording.role != "friction"]
+    return Outcome(plain(describe_diagnosis(diagnosis, identification.one("robot"), diagnosed_ids)), (evidence_file,))

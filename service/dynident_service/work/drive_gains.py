@@ -22,29 +22,29 @@ from dynident_service.work.means import recording_by_id, robot_by_id
 
 
 def find_gains(task: Task) -> Outcome:
-    """Identify the drive gains from runs without and with a load, and weigh other loads with them."""
+    """Identify the drive gains from motions without and with a known load, and weigh further loads with them."""
     request = DriveGainsRequest.model_validate(task.subject.request)
     robot = robot_by_id(task, request.robot_id)
     weigh = request.weigh or []
     steps = 1 + len(weigh)
-    found = _gains(task, request, robot, part(task.progress, 0.0, 1 / steps))
+    gains = _gains(task, request, robot, part(task.progress, 0.0, 1 / steps))
     loads = []
     for index, identifier in enumerate(weigh):
         progress = part(task.progress, (1 + index) / steps, (2 + index) / steps)
         name = task.resources.get("measurement", identifier).name or identifier
-        loads.append((identifier, name, _weighed(task, request, robot, found, identifier, progress)))
+        loads.append((identifier, name, _weighed(task, request, robot, gains, identifier, progress)))
     warnings = [
         f"{name} is one of the runs that the gains are from: that its load weighs what was stated tells nothing new."
         for identifier, name, _ in loads
         if identifier in request.loaded
     ]
-    return Outcome(plain(describe_gains(robot, found, loads, warnings)))
+    return Outcome(plain(describe_gains(robot, gains, loads, warnings)))
 
 
 def _gains(task: Task, request: DriveGainsRequest, robot: Robot, progress: Progress) -> DriveGains:
     unloaded, heavy = _recordings(task, request.unloaded, request.loaded)
     load = taken(request, KnownLoad)
-    loaded = [replace(one, payload=load.over(one.payload)) for one in heavy]
+    loaded = [replace(recording, payload=load.over(recording.payload)) for recording in heavy]
     with _told_of("/unloaded", "/loaded", len(unloaded)):
         return identify_gains(robot, unloaded, loaded, progress=progress)
 
@@ -52,29 +52,29 @@ def _gains(task: Task, request: DriveGainsRequest, robot: Robot, progress: Progr
 def _weighed(
     task: Task, request: DriveGainsRequest, robot: Robot, gains: DriveGains, identifier: str, progress: Progress
 ) -> PayloadEstimate:
-    without, at = request.unloaded, "/unloaded"
+    without, without_pointer = request.unloaded, "/unloaded"
     if request.weigh_unloaded is not None:
-        without, at = request.weigh_unloaded, "/weigh_unloaded"
+        without, without_pointer = request.weigh_unloaded, "/weigh_unloaded"
     unloaded, (loaded,) = _recordings(task, without, [identifier])
-    with _told_of(at, "/weigh", len(unloaded)):
+    with _told_of(without_pointer, "/weigh", len(unloaded)):
         return payload_mass(robot, unloaded, loaded, gains=gains, progress=progress)
 
 
 def _recordings(task: Task, unloaded: Sequence[str], loaded: Sequence[str]) -> tuple[list[Recording], list[Recording]]:
-    """Open measurements; where several have the same name, their ids tell them apart."""
+    """Open measurements without and with the load; equal names are made distinct by their ids."""
     identifiers = [*unloaded, *loaded]
-    found = [recording_by_id(task, one) for one in identifiers]
-    names = Counter(recording.name for recording in found)
-    told = [
-        replace(recording, name=f"{recording.name} ({one})") if names[recording.name] > 1 else recording
-        for one, recording in zip(identifiers, found, strict=True)
+    recordings = [recording_by_id(task, identifier) for identifier in identifiers]
+    names = Counter(recording.name for recording in recordings)
+    distinct = [
+        replace(recording, name=f"{recording.name} ({identifier})") if names[recording.name] > 1 else recording
+        for identifier, recording in zip(identifiers, recordings, strict=True)
     ]
-    return told[: len(unloaded)], told[len(unloaded) :]
+    return distinct[: len(unloaded)], distinct[len(unloaded) :]
 
 
 @contextmanager
 def _told_of(unloaded: str, loaded: str, count: int) -> Iterator[None]:
-    """Point errors of the science to fields of the request; `count` of the recordings are without the load."""
+    """Map error pointers of the library to fields of the request; the first `count` recordings are without the load."""
     try:
         yield
     except DynidentError as error:

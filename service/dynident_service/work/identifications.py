@@ -1,4 +1,4 @@
-"""Jobs that identify a model, add effects to one, or take them out again; and which revision of which file it saw."""
+"""Jobs that identify a model, extend it by effects or remove effects, and record which revisions of files it used."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ def extend_model(task: Task) -> Outcome:
     parent_id = subject.one("parent")
     request = StoredIdentification.model_validate(subject.request)
     parent = model_by_id(task, parent_id)
-    found = extend(
+    extended = extend(
         parent,
         choices_of(request.added),
         recordings_by_id(task, request.measurement_ids),
         recordings_by_id(task, request.validation_ids),
         task.progress,
     )
-    return _outcome(task, found, parent_id, parent)
+    return _outcome(task, extended, parent_id, parent)
 
 
 def remove_from_model(task: Task) -> Outcome:
-    """Take effects out of an identified model."""
+    """Remove effects from an identified model."""
     parent_id = task.subject.one("parent")
     request = StoredIdentification.model_validate(task.subject.request)
     parent = model_by_id(task, parent_id)
@@ -48,33 +48,37 @@ def remove_from_model(task: Task) -> Outcome:
 
 
 def _outcome(
-    task: Task, found: Identification, parent_id: str | None = None, parent: Identification | None = None
+    task: Task, model: Identification, parent_id: str | None = None, parent: Identification | None = None
 ) -> Outcome:
-    task.memory.keep(Identification, task.subject.id, found)
-    model = task.keep("model", to_bytes(found), "application/vnd.dynident.model+npz")
-    described = describe_identification(found, parent_id, parent)
-    return Outcome(plain(described.model_copy(update={"measurements": seen_measurements(task)})), (model,))
+    # The next job of this process, a diagnosis or a report, most probably needs the same model.
+    task.memory.keep(Identification, task.subject.id, model)
+    model_file = task.keep("model", to_bytes(model), "application/vnd.dynident.model+npz")
+    described = describe_identification(model, parent_id, parent)
+    return Outcome(plain(described.model_copy(update={"measurements": seen_measurements(task)})), (model_file,))
 
 
 def seen_measurements(task: Task) -> list[SeenMeasurement]:
-    """Tell of all measurements of the identification that a job computes."""
+    """Return the measurements of the identification that a job computes, each with its hash and revision."""
     request = StoredIdentification.model_validate(task.subject.request)
-    pairs = [("identification", one) for one in request.measurement_ids]
-    return [_seen(task, role, one) for role, one in [*pairs, *(("validation", one) for one in request.validation_ids)]]
+    pairs = [("identification", identifier) for identifier in request.measurement_ids]
+    return [
+        _seen(task, role, identifier)
+        for role, identifier in [*pairs, *(("validation", identifier) for identifier in request.validation_ids)]
+    ]
 
 
 def _seen(task: Task, role: str, identifier: str) -> SeenMeasurement:
-    found = task.resources.get("measurement", identifier)
-    result = found.result or {}
+    measurement = task.resources.get("measurement", identifier)
+    result = measurement.result or {}
     edits = result.get("edits", [])
     return SeenMeasurement.model_validate(
         {
-            "id": found.id,
-            "name": found.name,
+            "id": measurement.id,
+            "name": measurement.name,
             "role": role,
             "sha256": result.get("sha256", ""),
             "revision": len(edits),
-            "parent_id": next(iter(found.all("parent")), None),
+            "parent_id": next(iter(measurement.all("parent")), None),
             "edits": edits,
         }
     )

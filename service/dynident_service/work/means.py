@@ -1,4 +1,4 @@
-"""What jobs have in common: the robots, recordings and models that they start from, kept while they are in use."""
+"""Inputs that jobs share: stored robots, recordings and models."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from dynident_service.jobs.work import Task
 
 
 def robot_by_id(task: Task, identifier: str) -> Robot:
-    """Give a stored robot."""
+    """Return a stored robot, from the cache if possible."""
     return task.memory.recall(Robot, identifier, lambda: robot_of(task.resources.get("robot", identifier).request))
 
 
 def recording_by_id(task: Task, identifier: str) -> Recording:
     """Open a stored measurement."""
+    # Not cached: a recording is opened lazily and reads its file block by block.
     return recording_of(task.resources.get("measurement", identifier), task.objects)
 
 
@@ -28,7 +29,7 @@ def recordings_by_id(task: Task, identifiers: Sequence[str]) -> list[Recording]:
 
 
 def model_by_id(task: Task, identifier: str) -> Identification:
-    """Give a stored model."""
+    """Return a stored model, from the cache if possible."""
 
     def read() -> Identification:
         stored = task.resources.get("identification", identifier)

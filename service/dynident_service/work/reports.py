@@ -41,14 +41,14 @@ def write_report(task: Task) -> Outcome:
     if choices.format == "json":
         content = json.dumps(_document(task, request, diagnosis, runs), indent=1).encode()
     else:
-        found = None if diagnosis is None or diagnosis.result is None else diagnosis_of(diagnosis.result)
+        diagnosed = None if diagnosis is None or diagnosis.result is None else diagnosis_of(diagnosis.result)
         model = model_by_id(task, identification.id)
         design = _design(task, request.design_id)
         validations = _validations(task, request, model)
         page = html_report(
             model,
             runs,
-            diagnosis=found,
+            diagnosis=diagnosed,
             design=design,
             validations=validations,
             title=choices.name,
@@ -62,26 +62,29 @@ def write_report(task: Task) -> Outcome:
 
 
 def _runs(task: Task, request: ReportRequest, identification: Resource) -> list[ReportedRun]:
-    """The recordings to show, each with the prediction beside it."""
+    """Return the recordings to show, each with the model's prediction."""
     model: Identification = model_by_id(task, identification.id)
-    asked = StoredIdentification.model_validate(identification.request)
-    shown = request.measurement_ids or [*asked.measurement_ids, *asked.validation_ids]
+    model_request = StoredIdentification.model_validate(identification.request)
+    measurement_ids = request.measurement_ids or [*model_request.measurement_ids, *model_request.validation_ids]
     runs = []
-    for index, identifier in enumerate(shown):
-        progress = part(task.progress, 0.8 * index / len(shown), 0.8 * (index + 1) / len(shown))
+    for index, identifier in enumerate(measurement_ids):
+        progress = part(task.progress, 0.8 * index / len(measurement_ids), 0.8 * (index + 1) / len(measurement_ids))
         recording = recording_by_id(task, identifier)
-        held_out = identifier not in asked.measurement_ids
+        held_out = identifier not in model_request.measurement_ids
         stored = task.resources.get("measurement", identifier)
-        shown_as = MeasurementResult.model_validate(stored.result)
-        said = metadata_of(MeasurementMetadata.model_validate(stored.request))
-        checks, edits = checks_of(shown_as.checks), tuple(revision_of(one) for one in shown_as.edits)
+        measurement_result = MeasurementResult.model_validate(stored.result)
+        metadata = metadata_of(MeasurementMetadata.model_validate(stored.request))
+        checks, edits = (
+            checks_of(measurement_result.checks),
+            tuple(revision_of(edit) for edit in measurement_result.edits),
+        )
         compared = compare(model, recording, progress)
-        runs.append(ReportedRun(recording, compared, held_out, checks, edits, shown_as.sha256, said))
+        runs.append(ReportedRun(recording, compared, held_out, checks, edits, measurement_result.sha256, metadata))
     return runs
 
 
 def _design(task: Task, identifier: str | None) -> Design | None:
-    """The experiment, once it is computed."""
+    """Return the designed experiment, or None if the report has none."""
     if identifier is None:
         return None
     stored = task.resources.get("design", identifier)
@@ -89,10 +92,10 @@ def _design(task: Task, identifier: str | None) -> Design | None:
 
 
 def _validations(task: Task, request: ReportRequest, model: Identification) -> list[ReportedValidation]:
-    """How the validations that were asked for ended."""
+    """Return the results of the validations to show."""
     joints = model.model.robot.joint_names
     stored = [task.resources.get("validation", identifier).result for identifier in request.validation_ids]
-    return [reported(ValidationResult.model_validate(one), joints) for one in stored]
+    return [reported(ValidationResult.model_validate(result), joints) for result in stored]
 
 
 def _document(
@@ -100,7 +103,7 @@ def _document(
 ) -> dict[str, Any]:
     return {
         "identification": _shown(task.resources.get("identification", request.identification_id)),
-        "validations": [_shown(task.resources.get("validation", one)) for one in request.validation_ids],
+        "validations": [_shown(task.resources.get("validation", identifier)) for identifier in request.validation_ids],
         "diagnosis": None if diagnosis is None else _shown(diagnosis),
         "measurements": [
             {

@@ -1,4 +1,4 @@
-"""Jobs that follow a robot over many days."""
+"""Jobs that monitor a robot over many days."""
 
 from __future__ import annotations
 
@@ -20,36 +20,37 @@ from dynident_service.work.means import model_by_id, recordings_by_id
 
 
 def follow_robot(task: Task) -> Outcome:
-    """Say what has changed over the days, since when, and how each parameter went."""
+    """Find what has changed over the days and since when, and track each parameter."""
     request = SeriesRequest.model_validate(task.subject.request)
     measure, days = _begun(task, request)
-    for number, asked in enumerate(request.days):
-        days.append(_day(task, measure, asked, days, f"/days/{number}"))
+    for number, day_request in enumerate(request.days):
+        days.append(_day(task, measure, day_request, days, f"/days/{number}"))
         task.progress(0.5 * (number + 1) / len(request.days), days[-1].name)
-    found = series_of(measure, days, part(task.progress, 0.5, 0.95))
-    kept = task.keep("days", days_to_bytes(measure, days))
-    drawn = task.keep("figure", encode_text(str(courses_figure(found))), "image/svg+xml")
-    return Outcome(plain(describe_series(found)), (kept, drawn))
+    monitored = series_of(measure, days, part(task.progress, 0.5, 0.95))
+    days_file = task.keep("days", days_to_bytes(measure, days))
+    figure_file = task.keep("figure", encode_text(str(courses_figure(monitored))), "image/svg+xml")
+    return Outcome(plain(describe_series(monitored)), (days_file, figure_file))
 
 
 def _begun(task: Task, request: SeriesRequest) -> tuple[Measure, list[Day]]:
-    """What days are reduced to, and those of the series that this one continues.
+    """Return what each day is reduced to, and the days of the series that this one continues.
 
-    The temperatures are taken in where the first day of all has them.
+    Temperatures are included if the first day of all has them.
     """
     model = model_by_id(task, request.identification_id)
     if request.continues is None:
         first = recordings_by_id(task, request.days[0].measurement_ids)
-        return what_may_change(model, with_temperature=all(one.has_temperature for one in first)), []
+        return what_may_change(model, with_temperature=all(recording.has_temperature for recording in first)), []
     earlier = task.resources.get("series", request.continues)
     content = task.objects.get(earlier.objects["days"].key)
     measure, days = resumed(model, content)
     return measure, list(days)
 
 
-def _day(task: Task, measure: Measure, asked: AskedDay, before: Sequence[Day], pointer: str) -> Day:
-    recordings = recordings_by_id(task, asked.measurement_ids)
-    source = hashlib.sha256(",".join(asked.measurement_ids).encode()).hexdigest()
+def _day(task: Task, measure: Measure, day_request: AskedDay, before: Sequence[Day], pointer: str) -> Day:
+    recordings = recordings_by_id(task, day_request.measurement_ids)
+    source = hashlib.sha256(",".join(day_request.measurement_ids).encode()).hexdigest()
+    # The same day twice would count its noise as evidence for constancy.
     if any(day.source == source for day in before):
         raise DynidentError("these measurements are a day of the series already", pointer=pointer, title="Twice")
-    return measured(measure, asked.name or free_name(recordings[0].name, before), recordings, source=source)
+    return measured(measure, day_request.name or free_name(recordings[0].name, before), recordings, source=source)

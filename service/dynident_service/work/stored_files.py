@@ -1,4 +1,4 @@
-"""Reads what the service has stored of a resource with the code that uses it, to see whether this version can."""
+"""Reading of stored resources with the code that uses them, to see whether this version can."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ def read_stored(
     Parameters
     ----------
     kind : str
-        Of the resource.
+        Kind of the resource.
     request, result : mapping
-        As they are stored.
-    files : mapping
-        Paths by the roles of the files.
+        Its stored request and result.
+    files : mapping of str to str
+        Paths of its files, by role.
 
     Returns
     -------
     str or None
-        What cannot be read, and why; None where all of it can.
+        What cannot be read, and why; None if everything can.
     """
     if kind == "robot":
         return _problem("its description", partial(robot_of, request))
@@ -51,15 +51,15 @@ def read_stored(
     return None
 
 
-def _problem(what: str, read: Callable[[], object]) -> str | None:
+def _problem(part_name: str, read: Callable[[], object]) -> str | None:
     try:
         read()
     except ProblemError as error:
-        return f"{what}: {error.problem.detail}"
+        return f"{part_name}: {error.problem.detail}"
     except DynidentError as error:
-        return f"{what}: {error.detail}"
+        return f"{part_name}: {error.detail}"
     except Exception as error:  # what damaged or foreign bytes raise is no closed list
-        return f"{what}: {type(error).__name__}: {error}"
+        return f"{part_name}: {type(error).__name__}: {error}"
     return None
 
 
@@ -76,4 +76,4 @@ READERS: Mapping[tuple[str, str], Read] = {
     ("diagnosis", "evidence"): _read_evidence,
     ("series", "days"): lambda request, result, path: check_days(path.read_bytes()),
 }
-"""By the kind of a resource and the role of its file; other files are given to users as they are."""
+"""Readers by kind of resource and role of the file; files that only users read have none."""

@@ -1,4 +1,4 @@
-"""Jobs that try an identified model."""
+"""Jobs that validate an identified model."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from dynident_service.work.means import model_by_id, recordings_by_id
 
 
 def validate_model(task: Task) -> Outcome:
-    """Try a model by the test that was asked for."""
+    """Validate a model by the requested test."""
     request = ValidationRequest.model_validate(task.subject.request)
     trial = trial_from_request(request)
     ids = task.subject.all("measurement")
-    tried = Tried(
+    trial_data = Tried(
         model_by_id(task, request.identification_id),
         recordings_by_id(task, ids),
         recordings_by_id(task, task.subject.all("training")),
         task.progress,
     )
-    return Outcome(plain(describe(trial, trial.judge(tried), ids)))
+    return Outcome(plain(describe(trial, trial.judge(trial_data), ids)))

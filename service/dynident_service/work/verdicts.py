@@ -1,4 +1,4 @@
-"""Verdicts of models, for requests that wait for them: plain values in, plain values out."""
+"""Fitness for use of models, for requests that wait: plain values in, plain values out."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dynident_service.models.measurements import MeasurementMetadata
 
 
 class SentCheck(TypedDict):
-    """What is sent of a check."""
+    """Check of a recording, as sent to the child process."""
 
     name: str
     status: Status
@@ -26,7 +26,7 @@ class SentCheck(TypedDict):
 
 
 class SentMeasurement(TypedDict):
-    """What is sent of a measurement; `recording` is a path, `checks` are as they were found."""
+    """Measurement as sent to the child process; `recording` is a path."""
 
     id: str
     recording: str
@@ -35,7 +35,7 @@ class SentMeasurement(TypedDict):
 
 
 class SentOutcome(TypedDict):
-    """What is sent of a validation that has ended."""
+    """Finished validation, as sent to the child process."""
 
     kind: str
     verdict: Verdict
@@ -48,24 +48,39 @@ def judge(
     held_out: Sequence[SentMeasurement],
     outcomes: Sequence[SentOutcome] = (),
 ) -> dict[str, object]:
-    """Say what the model in a file is fit for."""
+    """Return what the model in a file is fit for.
+
+    Parameters
+    ----------
+    model : str
+        Path of the model.
+    fitted, held_out : sequence of SentMeasurement
+        Measurements that the model was fitted to, and others.
+    outcomes : sequence of SentOutcome
+        Finished validations of the model.
+    """
     names: set[str] = set()
-    seen = [_opened(one, names) for one in fitted], [_opened(one, names) for one in held_out]
-    pairs = zip([*seen[0], *seen[1]], [*fitted, *held_out], strict=True)
-    checks = {one.recording.name: _checks(given) for one, given in pairs}
-    recordings, validation = ([one.recording for one in group] for group in seen)
-    ended = [Outcome(one["kind"], Judged(one["verdict"], one["reason"])) for one in outcomes]
-    found = verdict(from_bytes(Path(model).read_bytes()), recordings, validation, checks, ended)
-    return plain(show_verdict(found, [*seen[0], *seen[1]]))
+    opened = (
+        [_opened(measurement, names) for measurement in fitted],
+        [_opened(measurement, names) for measurement in held_out],
+    )
+    pairs = zip([*opened[0], *opened[1]], [*fitted, *held_out], strict=True)
+    checks = {measurement.recording.name: _checks(sent) for measurement, sent in pairs}
+    recordings, validation = ([measurement.recording for measurement in group] for group in opened)
+    ended = [Outcome(outcome["kind"], Judged(outcome["verdict"], outcome["reason"])) for outcome in outcomes]
+    result = verdict(from_bytes(Path(model).read_bytes()), recordings, validation, checks, ended)
+    return plain(show_verdict(result, [*opened[0], *opened[1]]))
 
 
-def _checks(one: SentMeasurement) -> list[Check]:
-    return [Check(check["name"], check["status"], check["detail"]) for check in one["checks"]]
+def _checks(measurement: SentMeasurement) -> list[Check]:
+    return [Check(check["name"], check["status"], check["detail"]) for check in measurement["checks"]]
 
 
-def _opened(one: SentMeasurement, names: set[str]) -> SeenMeasurement:
-    recording = open_recording(Path(one["recording"]))
-    # The verdict tells of recordings by name, and measurements may share one.
-    name = recording.name if recording.name not in names else f"{recording.name} ({one['id']})"
+def _opened(measurement: SentMeasurement, names: set[str]) -> SeenMeasurement:
+    recording = open_recording(Path(measurement["recording"]))
+    # The verdict refers to recordings by name, and two measurements may have the same one.
+    name = recording.name if recording.name not in names else f"{recording.name} ({measurement['id']})"
     names.add(name)
-    return SeenMeasurement(one["id"], replace(recording, name=name), MeasurementMetadata.model_validate(one["request"]))
+    return SeenMeasurement(
+        measurement["id"], replace(recording, name=name), MeasurementMetadata.model_validate(measurement["request"])
+    )

@@ -1,4 +1,4 @@
-"""The workbench: a page at `/`, made of static files, that uses the public API as any other program does."""
+"""The workbench: a page at `/` of static files, which uses the public API as any other program does."""
 
 from __future__ import annotations
 
@@ -21,13 +21,18 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Vary": "Accept-Encoding",
 }
-# The page is asked for anew, and names its files by their version, which are the same for good: page and service never
-# differ in version.
+# Browsers ask for the page each time, but keep its files for good: the page names them by their version, so page and
+# service never differ in version.
 ANEW, FOR_GOOD = {"Cache-Control": "no-cache"}, {"Cache-Control": "public, max-age=31536000, immutable"}
 
 
 def mount(app: FastAPI) -> None:
-    """Serve the page at `/` and what it is made of below `/workbench`; neither is a part of the contract."""
+    """Serve the page at `/` and its files below `/workbench`, outside of the HTTP contract.
+
+    Parameters
+    ----------
+    app : FastAPI
+    """
     page = PageFiles.read(FOLDER, PREFIX)
 
     @app.api_route("/", methods=["GET", "HEAD"], include_in_schema=False)
@@ -39,14 +44,15 @@ def mount(app: FastAPI) -> None:
         name = page.current(path)
         if name not in page.files:
             raise HTTPException(404)
+        # A page that was loaded before an update may ask for files of the older version; it gets the present ones.
         if path != f"{page.version}/{name}":
             return RedirectResponse(f"{PREFIX}/{page.version}/{name}", headers=HEADERS | ANEW)
         return _answer(page.files[name], request, FOR_GOOD)
 
 
-def _answer(found: PageFile, request: Request, headers: dict[str, str]) -> Response:
+def _answer(page_file: PageFile, request: Request, headers: dict[str, str]) -> Response:
     headers = HEADERS | headers
-    content = found.content
+    content = page_file.content
     if "gzip" in request.headers.get("accept-encoding", ""):
-        content, headers = found.compressed, headers | {"Content-Encoding": "gzip"}
-    return Response(content, headers=headers, media_type=found.media_type)
+        content, headers = page_file.compressed, headers | {"Content-Encoding": "gzip"}
+    return Response(content, headers=headers, media_type=page_file.media_type)

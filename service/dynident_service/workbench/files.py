@@ -1,4 +1,7 @@
-"""The files of the page, read once: by their content's hash they may be kept for good, and all come at once."""
+"""The static files of the page, read once at the start.
+
+Their paths hold the hash of their contents, so that browsers may keep them for good.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +16,13 @@ from pathlib import Path
 START, INDEX = "js/app.js", "index.html"
 _IMPORTED = re.compile(r'^import [^"]*"(\.{1,2}/[^"]+)";$', re.MULTILINE)
 _DIGITS = 16
-# Not asked of the machine: some say that JavaScript is plain text, which browsers then refuse to run.
+# Not from the `mimetypes` of the machine: some say that JavaScript is plain text, which browsers refuse to run.
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}
 
 
 @dataclass(frozen=True)
 class PageFile:
-    """One file of text: its bytes, and the same compressed."""
+    """One text file: its bytes, and the same bytes compressed."""
 
     content: bytes = field(repr=False)
     media_type: str
@@ -27,8 +30,19 @@ class PageFile:
 
     @classmethod
     def of(cls, name: str, content: bytes) -> PageFile:
-        """A file by its name's ending."""
+        """Return a file, with the media type of its name's ending.
+
+        Parameters
+        ----------
+        name : str
+        content : bytes
+
+        Returns
+        -------
+        PageFile
+        """
         media_type = _TYPES.get(posixpath.splitext(name)[1], "text/plain")
+        # Without a time in its header, the compressed file is the same in every process.
         return cls(content, media_type, gzip.compress(content, mtime=0))
 
 
@@ -42,31 +56,66 @@ class PageFiles:
 
     @classmethod
     def read(cls, folder: Path, prefix: str) -> PageFiles:
-        """Read a folder; the index names the files by their version, and the modules that it needs from the start."""
+        """Read a folder and write the version into the index.
+
+        Parameters
+        ----------
+        folder : Path
+        prefix : str
+            The path in URLs at which the folder is served.
+
+        Returns
+        -------
+        PageFiles
+        """
         paths = sorted(path for path in folder.rglob("*") if path.is_file())
         contents = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
         hashed = hashlib.sha256()
         for name, content in contents.items():
+            # Name and length are hashed, too, so that no content can pass for another split of files.
             hashed.update(f"{name}\0{len(content)}\0".encode() + content)
         version = hashed.hexdigest()[:_DIGITS]
         index = contents[INDEX].decode().replace(f"{prefix}/", f"{prefix}/{version}/")
+        # The browser loads all modules at once instead of finding them one import after the other.
         links = (f'<link rel="modulepreload" href="{prefix}/{version}/{name}">\n' for name in needed(contents, START))
         index = index.replace("</head>", f"{''.join(links)}</head>", 1)
         files = {name: PageFile.of(name, content) for name, content in contents.items() if name != INDEX}
         return cls(version, files, PageFile.of(INDEX, index.encode()))
 
     def current(self, path: str) -> str:
-        """A path without the version that it begins with, this one or another."""
+        """Return a path without the version that it begins with, whichever that is.
+
+        Parameters
+        ----------
+        path : str
+
+        Returns
+        -------
+        str
+        """
         first, _, rest = path.partition("/")
         return rest if re.fullmatch(f"[0-9a-f]{{{_DIGITS}}}", first) else path
 
 
 def needed(contents: Mapping[str, bytes], start: str) -> list[str]:
-    """The modules that one imports, and those that these do, in the order in which they are met."""
-    found = [start]
-    for name in found:
+    """Return the modules that one module imports, directly or by others, in the order in which they are met.
+
+    Parameters
+    ----------
+    contents : mapping of path to bytes
+    start : str
+        Path of the first module.
+
+    Returns
+    -------
+    list of str
+        With `start` at the front.
+    """
+    names = [start]
+    # The list grows while it is gone through, so that imports of imports are met as well.
+    for name in names:
         for relative in _IMPORTED.findall(contents[name].decode()):
             path = posixpath.normpath(posixpath.join(posixpath.dirname(name), relative))
-            if path not in found:
-                found.append(path)
-    return found
+            if path not in names:
+                names.append(path)
+    return names

@@ -17,8 +17,13 @@ def advise(examined: Examination) -> AdvisedDiagnosis:
     Parameters
     ----------
     examined : Examination
-        What `dynident.diagnosis.examine` found, and what it was found in.
+        What `dynident.diagnosis.examine` returned: the diagnosis, its doubts, and the data behind it.
+
+    Returns
+    -------
+    AdvisedDiagnosis
+        The diagnosis with the proposed experiment; `next_experiment` is None where no motion decides anything.
     """
     proposed = next_experiment(examined.identification, examined.comparisons, examined.doubts, examined.recordings)
-    found = {field.name: getattr(examined.diagnosis, field.name) for field in fields(Diagnosis)}
-    return AdvisedDiagnosis(**found, next_experiment=proposed)
+    diagnosis_fields = {field.name: getattr(examined.diagnosis, field.name) for field in fields(Diagnosis)}
+    return AdvisedDiagnosis(**diagnosis_fields, next_experiment=proposed)

@@ -1,4 +1,4 @@
-"""Kinds of experiments that decide between effects, and the design that each of them asks for."""
+"""Kinds of experiments that tell effects apart, and the design request that each of them makes."""
 
 from __future__ import annotations
 
@@ -18,11 +18,16 @@ _STARTS, _RANDOM = 1, 20
 A number of starts instead of seconds: the same request then gives the same motion on a busy server as here, where it is
 rehearsed to promise what it reaches. One start takes 1-3 s; ten seconds of them take another 0-30 % off the standard
 deviation."""
+# Strokes of the reversal experiment: at most this share of half the joint's range, and so many slip distances each.
 _MOST_STROKES_SLIP, _SLIP_AMPLITUDES = 0.25, (1.0, 2.0, 4.0, 8.0, 16.0)
+# The slip distance in rad or m where no model gives one, and how many of them the joint crosses in a second.
 _SLIP, _SLIPS_PER_SECOND = 2e-3, 4.0
+# Shares of the joints' speed limits; around a Stribeck peak, multiples of the Stribeck velocity take the place of the
+# slow ones.
 _SLOW_SPEEDS: tuple[float, ...] = (0.02, 0.05, 0.1)
 _PEAK_SPEEDS, _FAST_SPEEDS = (0.25, 0.5, 1.0, 2.0), (0.2, 0.4, 0.7)
 _SLOWEST = 0.002
+# Hz at which a ripple shall appear in the torque, and the shortest and longest sweep in s.
 _RIPPLE_FREQUENCY, _SWEEP = 2.0, (20.0, 120.0)
 
 
@@ -44,16 +49,16 @@ class Question:
 
     @property
     def rivals(self) -> tuple[EffectChoice, ...]:
-        """The suspect and its rival."""
+        """The suspect and, where there is one, its rival."""
         return (self.suspect,) if self.rival is None else (self.suspect, self.rival)
 
     @property
     def of_place(self) -> bool:
-        """Whether the question is where an effect is, not which one it is."""
+        """Whether the suspect and its rival are the same effect at two places."""
         return self.rival is not None and self.rival.effect == self.suspect.effect
 
     def shape(self, name: str, otherwise: float) -> float:
-        """A shape constant of the suspect or its rival."""
+        """Return a shape constant of the suspect or its rival, `otherwise` where neither has it."""
         for choice in self.rivals:
             if name in choice.shape_values:
                 return choice.shape_values[name]
@@ -61,17 +66,30 @@ class Question:
 
     @property
     def indices(self) -> list[int]:
-        """Numbers of the joints."""
+        """Numbers of the joints in question."""
         return [self.bounds.names.index(name) for name in self.joints]
 
     def request(self, kind: str, trajectory: TrajectoryRequest) -> DesignRequest:
-        """A design for the model with both rivals, measured by how well they are told apart."""
+        """Build the request for a motion that separates the suspect from its rival.
+
+        Parameters
+        ----------
+        kind : str
+            Kind of design, such as "optimized".
+        trajectory : TrajectoryRequest
+            The motion that the kind of experiment needs.
+
+        Returns
+        -------
+        DesignRequest
+            A design for the model with both rivals in it, by the criterion "separation".
+        """
         # At two places an effect has much in common: what is the suspect's own stands behind all of its rival.
-        told, pair = (self.rivals[:1], self.rivals[::-1]) if self.of_place else (self.rivals, self.rivals)
+        separated, pair = (self.rivals[:1], self.rivals[::-1]) if self.of_place else (self.rivals, self.rivals)
         return DesignRequest(
             kind=kind,
             effects=(*self.effects, *pair),
-            criterion=CriterionChoice("separation", effects=told),
+            criterion=CriterionChoice("separation", effects=separated),
             trajectory=trajectory,
             noise=self.noise,
             starts=_STARTS if kind == "optimized" else None,
@@ -91,7 +109,9 @@ class Experiment:
 
 
 def _constant_speeds(question: Question) -> DesignRequest:
-    """Speeds around a Stribeck peak, where there is one, and up to the limit."""
+    """Request constant speeds around a Stribeck peak, where there is one, and up to the limit."""
+    # Friction falls from static to Coulomb friction around the Stribeck velocity, so the slow speeds lie on both sides
+    # of it.
     peak = question.shape("vs", 0.0)
     slow = _SLOW_SPEEDS
     if peak:
@@ -112,7 +132,9 @@ def _constant_speeds(question: Question) -> DesignRequest:
 
 
 def _slow_sweep(question: Question) -> DesignRequest:
-    """As slow as the waves of a ripple have to come to stay in the filter's band."""
+    """Request a sweep so slow that the waves of a ripple stay within the filter's band."""
+    # A ripple of k waves a radian that is crossed at a speed v has the frequency k v / 2π; the duration keeps that at
+    # _RIPPLE_FREQUENCY on the joint with the longest way.
     widths = 2 * question.bounds.half_range[question.indices]
     duration = float(widths.max()) * abs(question.shape("k", 6.0)) / (2 * np.pi * _RIPPLE_FREQUENCY)
     return question.request(
@@ -126,9 +148,11 @@ def _slow_sweep(question: Question) -> DesignRequest:
 
 
 def _reversals(question: Question) -> DesignRequest:
-    """Amplitudes from the slip distance on, so slowly that sliding sets in within the filter's band."""
+    """Request strokes from the slip distance upwards, so slow that the filter shows how sliding sets in."""
     slip = question.shape("d0", _SLIP)
     room = _MOST_STROKES_SLIP * float(question.bounds.half_range[question.indices].min())
+    # Presliding friction differs from Coulomb friction within a few slip distances of a reversal only; longer strokes
+    # show what it tends to.
     amplitudes = sorted({round(min(factor * slip, room), 6) for factor in _SLIP_AMPLITUDES})
     fastest = float(question.bounds.velocity[question.indices].min())
     speed = float(np.clip(_SLIPS_PER_SECOND * slip / fastest, _SLOWEST, 0.2))

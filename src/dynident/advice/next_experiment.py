@@ -54,21 +54,27 @@ def next_experiment(
 ) -> NextExperiment | None:
     """Propose the motion that decides the first doubt that a motion can decide.
 
-    Doubts about what was found come first and are settled as well as a motion can; what could not be seen is asked
-    about only where its usual size would have been missed and the motion would show it. Nothing is proposed rather than
-    a motion that decides nothing. What is promised is the separation by the data at hand and the motion that a design
-    with these data for `earlier` runs comes to.
+    Doubts about findings come first and are settled as well as a motion can. An effect that could not be seen is asked
+    about only where its usual size would have been missed and the motion would show it. No motion is proposed that
+    decides nothing. The promised separation is that of the data at hand together with the motion of a design that
+    counts
+    these data as `earlier` runs.
 
     Parameters
     ----------
     identification : Identification
         The model in question.
     comparisons : sequence of Comparison
-        It beside the data at hand.
+        The model's prediction of the data at hand.
     doubts : sequence of Doubt
         What is open, most important first.
     recordings : sequence of Recording, optional
-        Those of the comparisons: they tell which of the data are of runs that have what some runs have.
+        Those of the comparisons: they say which data belong to runs with an effect of their own.
+
+    Returns
+    -------
+    NextExperiment or None
+        None where no motion decides anything, or where the robot's limits are not known.
     """
     try:
         # With what the design will have to keep clear of, the robot itself: strokes are shorter for it.
@@ -78,16 +84,16 @@ def next_experiment(
         return None
     second_best = None
     for doubt in doubts:
-        found = _answer(identification, _AtHand(tuple(comparisons), tuple(recordings)), doubt, bounds)
-        if found is not None and found.decides:
-            return found.advice
-        second_best = second_best or found
+        answer = _answer(identification, _AtHand(tuple(comparisons), tuple(recordings)), doubt, bounds)
+        if answer is not None and answer.decides:
+            return answer.advice
+        second_best = second_best or answer
     return None if second_best is None else second_best.advice
 
 
 @dataclass(frozen=True, eq=False)
 class _AtHand:
-    """The data at hand beside the model, and the recordings that they are of, where these are known."""
+    """The comparisons of the data at hand, and the recordings behind them where these are known."""
 
     comparisons: tuple[Comparison, ...]
     recordings: tuple[Recording, ...]
@@ -120,7 +126,7 @@ class _Pairing:
     size: float | None
 
     def separation(self, more: NormalEquations | None = None) -> Separation | None:
-        """By the data at hand, and `more`."""
+        """Return how well the data at hand, together with `more`, tell the two apart."""
         if self.deciding is None:
             return None
         known = self.known if more is None else self.known + more
@@ -129,30 +135,33 @@ class _Pairing:
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """One doubt as a question, the hardest pairing in it, and the rows a second of filtered data."""
+    """One doubt as a question, its hardest pairing, and how many filtered rows a second has."""
 
     question: Question
     pairing: _Pairing
     rate: float
 
     def roughly(self, request: DesignRequest) -> Separation | None:
-        """What a motion of this kind reaches together with the data at hand."""
+        """Return what a quickly made motion of this kind reaches together with the data at hand."""
         pairing = self.pairing
         return self._after(quick_motion(request, pairing.model, self.question.bounds, self._rate(request)), request)
 
     def promised(self, request: DesignRequest) -> Separation | None:
-        """What the motion of this very design reaches together with the data at hand, which it counts as well."""
+        """Return what the motion of this very design reaches together with the data at hand."""
         pairing = self.pairing
         earlier = pairing.rows.earlier(planned_seconds(request) * self.rate)
         motion = rehearsed_motion(request, pairing.model, self.question.bounds, self._rate(request), earlier)
         return self._after(motion, request)
 
     def _after(self, motion: Rehearsal, request: DesignRequest) -> Separation | None:
+        # The weights are per row of the data at hand. A motion that is sampled more densely has more rows a second, but
+        # no more independent ones, so each row weighs less.
         weights = self.pairing.row_weights * np.sqrt(self.rate / self._rate(request))
         return self.pairing.separation(of_rehearsal(self.pairing.model, motion, weights))
 
     def _rate(self, request: DesignRequest) -> float:
-        """Hz. What depends on the path taken needs all of it: between two rows of filtered data a joint turns round."""
+        """Return the rate in Hz at which columns are evaluated."""
+        # Path memory needs all samples: between two decimated rows a joint may reverse.
         return request.trajectory.sampling_rate if self.pairing.model.needs_path else self.rate
 
 
@@ -169,6 +178,8 @@ def _answer(identification: Identification, data: _AtHand, doubt: Doubt, bounds:
     if present is not None and _is_settled(doubt, present):
         return None
     best: tuple[Experiment, DesignRequest, Separation | None] | None = None
+    # The kinds of experiments are tried in order by a motion that is quick to make. The first that decides ends the
+    # search; another one replaces the best only where it is much better.
     for experiment in _worth_trying(question):
         request = within_the_motion(pairing.model, experiment.design(question), identification.model.effects)
         try:
@@ -186,6 +197,7 @@ def _answer(identification: Identification, data: _AtHand, doubt: Doubt, bounds:
         reached = present = None
     else:
         try:
+            # The rough motion served to choose. What is promised to the user comes from rehearsing the design itself.
             reached = case.promised(request)
         except DynidentError:
             return None
@@ -196,7 +208,7 @@ def _answer(identification: Identification, data: _AtHand, doubt: Doubt, bounds:
         if present is None or not decides:
             return None
         # The size is not what was found: nothing was.
-        present, reached = (replace(one, t_value=None) if one else None for one in (present, reached))
+        present, reached = (replace(estimate, t_value=None) if estimate else None for estimate in (present, reached))
     advice = NextExperiment(
         reason=_reason(experiment, question, doubt, present, reached),
         design=request,
@@ -216,8 +228,8 @@ def _is_settled(doubt: Doubt, present: Separation) -> bool:
     return present.t_value >= _SEEN
 
 
-def _much_better(one: Separation, other: Separation) -> bool:
-    return other.standard_deviation < _MUCH_BETTER * one.standard_deviation
+def _much_better(reference: Separation, other: Separation) -> bool:
+    return other.standard_deviation < _MUCH_BETTER * reference.standard_deviation
 
 
 def _decides(present: Separation, reached: Separation) -> bool:
@@ -233,7 +245,7 @@ def _absorbed(model: DesignModel, suspect: EffectChoice) -> bool:
 
 
 def _worth_trying(question: Question) -> list[Experiment]:
-    """The experiment of the pair, then those that show one of the two alone."""
+    """List the experiment for the pair, then those that show one of the two alone."""
     names = [choice.effect for choice in question.rivals]
     offered = [experiment_for(names[0], names[1] if len(names) > 1 else None)]
     if question.of_place:
@@ -262,48 +274,50 @@ def _case_of(identification: Identification, data: _AtHand, doubt: Doubt, bounds
 
 
 def _driven(robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
-    """The joints that an experiment about these moves: a passive one goes with others."""
+    """Return the joints that an experiment about these has to move: a passive joint moves with others."""
     return tuple(dict.fromkeys(robot.joint_names[k] for joint in joints for k in robot.movers(joint)))
 
 
 def _hardest(identification: Identification, data: _AtHand, doubt: Doubt) -> _Pairing:
-    """The pairing with the rival that leaves the suspect least certain."""
+    """Return the pairing with the rival that leaves the suspect least certain."""
     pairings = [_paired(identification, data, doubt, rival) for rival in doubt.rivals or (None,)]
     # A rival without a column of its own is the same function as something in the model: it is no other explanation.
-    real = [one for one in pairings if one.rival is None or parameters_of(one.model, one.rival)]
+    real = [pairing for pairing in pairings if pairing.rival is None or parameters_of(pairing.model, pairing.rival)]
     return min(real or pairings, key=_certainty)
 
 
 def _certainty(pairing: _Pairing) -> float:
-    found = pairing.separation()
-    return 0.0 if found is None or found.t_value is None else found.t_value
+    estimate = pairing.separation()
+    return 0.0 if estimate is None or estimate.t_value is None else estimate.t_value
 
 
 def _paired(identification: Identification, data: _AtHand, doubt: Doubt, rival: EffectChoice | None) -> _Pairing:
     model = identification.model
     of_place = rival is not None and rival.effect == doubt.suspect.effect
     pair = (doubt.suspect,) if rival is None else (rival, doubt.suspect) if of_place else (doubt.suspect, rival)
-    wanted = design_model(
+    extended_model = design_model(
         model.robot,
         (*model.effects, *doubt.beside, *pair),
         signals=model.signals,
         reference=identification.estimate.next_reference(),
         other_runs=True,
     )
-    rows = rows_of(wanted, data.comparisons, data.recordings)
+    rows = rows_of(extended_model, data.comparisons, data.recordings)
     weights = row_weights(rows)
     known = rows.information(weights)
-    undecided = _Pairing(rival, wanted, rows, weights, known, None, None)
-    own = parameters_of(wanted, doubt.suspect)
-    others = () if rival is None else parameters_of(wanted, rival)
+    undecided = _Pairing(rival, extended_model, rows, weights, known, None, None)
+    own = parameters_of(extended_model, doubt.suspect)
+    others = () if rival is None else parameters_of(extended_model, rival)
     if others and doubt.suspect.shape and rival is not None and not rival.shape:
+        # A suspect with shape constants is not judged by its amplitude: with other constants, which more data will
+        # find, it has another one. The rival without shape constants decides instead.
         own, others = others, own
     if not own:
         return undecided
     if of_place:
-        deciding, size = _largest_alone(identification, data, doubt, wanted, own)
+        deciding, size = _largest_alone(identification, data, doubt, extended_model, own)
         return replace(undecided, deciding=deciding, size=size)
-    sizes = _usual_sizes(wanted, doubt.suspect, own) if rival is None else amplitudes(known, own, others)
+    sizes = _usual_sizes(extended_model, doubt.suspect, own) if rival is None else amplitudes(known, own, others)
     pairings = [replace(undecided, deciding=k, size=float(size)) for k, size in zip(own, sizes, strict=True)]
     return max(pairings, key=_certainty)
 
@@ -311,27 +325,32 @@ def _paired(identification: Identification, data: _AtHand, doubt: Doubt, rival: 
 def _largest_alone(
     identification: Identification, data: _AtHand, doubt: Doubt, model: DesignModel, own: Sequence[int]
 ) -> tuple[int, float]:
-    """Of parameters that the rival cannot have elsewhere, the one that is surest to be there without the rival."""
+    """Return the parameter that is surest without the rival, of those that the rival cannot replace, and its size."""
     alone = _paired(identification, data, replace(doubt, rivals=()), None)
-    there = parameters_of(alone.model, doubt.suspect)
-    sizes = amplitudes(alone.known, there, ())
-    told = [separation(alone.model, alone.known, k, float(size)) for k, size in zip(there, sizes, strict=True)]
-    by_name = {one.parameter: (one.t_value or 0.0, float(size)) for one, size in zip(told, sizes, strict=True)}
-    found = {k: by_name.get(model.kept[k].name, (0.0, 0.0)) for k in own}
-    surest = max(own, key=lambda k: found[k][0])
-    return surest, found[surest][1]
+    columns_alone = parameters_of(alone.model, doubt.suspect)
+    sizes = amplitudes(alone.known, columns_alone, ())
+    separations = [
+        separation(alone.model, alone.known, k, float(size)) for k, size in zip(columns_alone, sizes, strict=True)
+    ]
+    by_name = {
+        estimate.parameter: (estimate.t_value or 0.0, float(size))
+        for estimate, size in zip(separations, sizes, strict=True)
+    }
+    t_and_size = {k: by_name.get(model.kept[k].name, (0.0, 0.0)) for k in own}
+    surest = max(own, key=lambda k: t_and_size[k][0])
+    return surest, t_and_size[surest][1]
 
 
 def _usual_sizes(model: DesignModel, suspect: EffectChoice, parameters: Sequence[int]) -> list[float]:
-    """How large the parameters of an effect are on real arms that have it; 0 where nobody knows."""
+    """Return how large the parameters are on real arms with the effect; 0 where no typical value is known."""
     joint = suspect.joints[0] if suspect.joints else ""
     usual = dict(typical_effect(model.robot, suspect.effect, joint).values)
     return [usual.get(model.kept[k].parameter, 0.0) for k in parameters]
 
 
 def _row_rate(comparisons: Sequence[Comparison]) -> float:
-    """Rows a second of filtered, decimated data."""
-    steps = np.concatenate([np.diff(one.t) for one in comparisons])
+    """Return the rows a second of filtered, decimated data."""
+    steps = np.concatenate([np.diff(comparison.t) for comparison in comparisons])
     return 1.0 / float(np.median(steps))
 
 
@@ -340,7 +359,7 @@ def _short(value: float) -> float:
 
 
 def within_the_motion(model: DesignModel, request: DesignRequest, effects: tuple[EffectChoice, ...]) -> DesignRequest:
-    """The request with a criterion that a motion can meet: what rests on more than it is left out."""
+    """Return the request with a criterion that a motion can meet, without effects that rest on more than the motion."""
     possible = tuple(choice for choice in request.criterion.effects if parameters_of(model, choice))
     if possible:
         return replace(request, criterion=replace(request.criterion, effects=possible))
@@ -362,10 +381,10 @@ def _reason(
     where = ", ".join(question.joints) if effect_by_id(doubt.suspect.effect).scope == "joint" else "the whole robot"
     if doubt.rivals:
         others = [_told(rival, doubt.suspect) for rival in doubt.rivals]
-        what = f"tell {suspect} from {' or '.join(others)}"
+        purpose = f"tell {suspect} from {' or '.join(others)}"
     else:
-        what = f"show whether {suspect} is there"
-    text = f"{experiment.words} would {what} on {where}."
+        purpose = f"show whether {suspect} is there"
+    text = f"{experiment.words} would {purpose} on {where}."
     if any(rival.effect == doubt.suspect.effect for rival in doubt.rivals):
         text = f"{experiment.words} would tell {suspect} on {where} from {' or '.join(others)}."
     if present is None or reached is None:

@@ -1,4 +1,4 @@
-"""Which kind of experiment tells which effects apart: as the effects themselves say."""
+"""Look up which kind of experiment tells two effects apart, as the catalogue of effects says."""
 
 from __future__ import annotations
 
@@ -7,17 +7,29 @@ from dynident.effects import Effect, ExperimentKind, effect_by_id
 
 
 def experiment_for(suspect: str, rival: str | None) -> Experiment:
-    """The experiment that decides between two effects, or between two places of one, or that shows one."""
+    """Return the experiment that decides between two effects, between two places of one, or that shows one.
+
+    Parameters
+    ----------
+    suspect : str
+        Id of the effect that was found.
+    rival : str or None
+        Id of the effect that it may be instead; the same id asks for the place, None for the effect alone.
+
+    Returns
+    -------
+    Experiment
+    """
     effect = effect_by_id(suspect)
     if suspect == rival:
         return EXPERIMENTS[effect.place_experiment]
-    told = None if rival is None else _telling(effect, effect_by_id(rival))
-    return EXPERIMENTS[told or effect.experiment]
+    kind = None if rival is None else _telling(effect, effect_by_id(rival))
+    return EXPERIMENTS[kind or effect.experiment]
 
 
-def _telling(one: Effect, other: Effect) -> ExperimentKind | None:
-    """The experiment that tells two effects apart, named by either of them."""
-    for effect, rival in ((one, other), (other, one)):
+def _telling(first: Effect, second: Effect) -> ExperimentKind | None:
+    """Return the kind of experiment that tells two effects apart, as either of them names it."""
+    for effect, rival in ((first, second), (second, first)):
         for kind, others in effect.told_from.items():
             if rival.id in others:
                 return kind

@@ -1,4 +1,4 @@
-"""What is proposed to do next."""
+"""Result types of the proposed next experiment."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class NextExperiment:
 
     @property
     def kind(self) -> str:
-        """The kind of design."""
+        """Kind of the design."""
         return self.design.kind
 
 

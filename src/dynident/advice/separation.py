@@ -1,4 +1,4 @@
-"""How far two effects can be told apart by data at hand, and by a motion that is only proposed."""
+"""How far data at hand, and a proposed motion, tell two effects apart."""
 
 from __future__ import annotations
 
@@ -66,58 +66,75 @@ class Rows:
         return self.n_rows / max(len(self.w), 1)
 
     def information(self, row_weights: FloatArray) -> NormalEquations:
-        """What they tell; row_weights (n,) are one over the noise of a row of data."""
+        """Return the normal equations of these rows; row_weights (n,) are one over the noise of a row of data."""
         weights = row_weights * np.sqrt(self.share)
         weighted = (self.w * weights[:, None]).reshape(-1, self.w.shape[2])
         return NormalEquations(weighted.T @ weighted, weighted.T @ (self.residual * weights).reshape(-1))
 
     def earlier(self, n_rows: float) -> FloatArray:
-        """Rows (b n, b), joint after joint, that stand for them beside W / √N of n_rows of an experiment."""
+        """Return rows (b n, b), joint after joint, that stand for these beside W / √N of `n_rows` of an experiment."""
+        # The triangular factor of a joint's rows has the same normal equations as the rows themselves, in b rows
+        # instead of m.
         factors = [np.linalg.qr(self.w[:, j], mode="r") for j in range(self.w.shape[1])]
         most = max(len(factor) for factor in factors)
         padded = [np.pad(factor, ((0, most - len(factor)), (0, 0))) for factor in factors]
-        made: FloatArray = np.stack(padded, axis=1).reshape(-1, self.w.shape[2])
-        return made * float(np.sqrt(self.share / n_rows))
+        stacked: FloatArray = np.stack(padded, axis=1).reshape(-1, self.w.shape[2])
+        return stacked * float(np.sqrt(self.share / n_rows))
 
 
 def rows_of(model: DesignModel, comparisons: Sequence[Comparison], recordings: Sequence[Recording] = ()) -> Rows:
-    """The data at hand, as far as they are needed, in the columns of a model.
+    """Evaluate the columns of a model on the data at hand, thinned to `_MOST_DATA_ROWS`.
 
-    `recordings` are those of the comparisons: what is in some runs is in these alone. Without them it is in all.
+    Parameters
+    ----------
+    model : DesignModel
+        Model with the effects in question.
+    comparisons : sequence of Comparison
+        The data at hand, each with the residual of the identified model.
+    recordings : sequence of Recording, optional
+        Those of the comparisons: an effect of some runs is then active in these alone, without them in all.
+
+    Returns
+    -------
+    Rows
     """
-    total = sum(len(one.t) for one in comparisons)
+    total = sum(len(comparison.t) for comparison in comparisons)
     every = max(1, -(-total // _MOST_DATA_ROWS))
     w, residual, borders, seconds, step = [], [], [0], 0.0, 1.0
     n, b = model.robot.n, model.n_parameters
     counts = np.zeros(n)
-    for number, one in enumerate(comparisons):
-        if len(one.t) < 2:
+    for number, comparison in enumerate(comparisons):
+        if len(comparison.t) < 2:
             continue
-        step = float(np.median(np.diff(one.t)))
-        seconds += step * len(one.t)
-        jerk = np.gradient(one.ddq, step, axis=0)
-        motion = Motion(step * np.arange(len(one.t), dtype=np.float64), one.q, one.dq, one.ddq, jerk)
-        taken = np.arange(0, len(one.t), every)
-        runs = _runs_of(model, one.segment[taken], recordings[number]) if recordings else None
+        step = float(np.median(np.diff(comparison.t)))
+        seconds += step * len(comparison.t)
+        jerk = np.gradient(comparison.ddq, step, axis=0)
+        motion = Motion(
+            step * np.arange(len(comparison.t), dtype=np.float64), comparison.q, comparison.dq, comparison.ddq, jerk
+        )
+        samples = np.arange(0, len(comparison.t), every)
+        runs = _runs_of(model, comparison.segment[samples], recordings[number]) if recordings else None
         # As in a fit: the equation of a joint that stands tells nothing but that friction is enough to hold it.
-        moves = one.phase[taken] != Phase.STANDING
-        w.append(model.observe_along(motion, taken, runs).reshape(len(taken), n, b) * moves[:, :, None])
-        residual.append(one.residual[taken] * moves)
+        moves = comparison.phase[samples] != Phase.STANDING
+        w.append(model.observe_along(motion, samples, runs).reshape(len(samples), n, b) * moves[:, :, None])
+        residual.append(comparison.residual[samples] * moves)
         counts += moves.sum(axis=0)
-        borders.append(borders[-1] + len(taken))
+        borders.append(borders[-1] + len(samples))
     stretch = max(1, round(float(np.clip(seconds / _STRETCHES, _SHORTEST, _LONGEST)) / (step * every)))
     return Rows(np.concatenate(w), np.concatenate(residual), counts, total, stretch, tuple(borders))
 
 
 def _runs_of(model: DesignModel, segments: FloatArray, recording: Recording) -> FloatArray:
-    """(m, number of run signals): 1 where a row of one of these segments (m,) is in the signal's runs."""
+    """Return (m, number of run signals): 1 where a row of these segments (m,) belongs to the signal's runs."""
     signals = model.observation.runs
-    known = {int(one): [in_run(signal, recording, int(one)) for signal in signals] for one in np.unique(segments)}
-    return np.array([known[int(one)] for one in segments]).reshape(len(segments), len(signals))
+    known = {
+        int(segment): [in_run(signal, recording, int(segment)) for signal in signals] for segment in np.unique(segments)
+    }
+    return np.array([known[int(segment)] for segment in segments]).reshape(len(segments), len(signals))
 
 
 def row_weights(rows: Rows) -> FloatArray:
-    """(n,): one over the noise that every row would have if rows were independent of each other.
+    """Return (n,): one over the noise that every row would have if rows were independent of each other.
 
     The noise is what is left once all effects of the model are fitted, those in doubt included: an effect that is
     missing must not count as noise of the experiment that is to show it.
@@ -126,70 +143,100 @@ def row_weights(rows: Rows) -> FloatArray:
     freedom = np.maximum(rows.counts - b / n, 1.0)
     noise = floored(np.sqrt((rows.residual**2).sum(axis=0) / freedom))
     rest = rows.residual
+    # Weighted least squares by iteration: the fit depends on the joints' noise, and the noise on the residual of the
+    # fit.
     for _ in range(_ROUNDS):
         known = rows.information(1.0 / noise)
         rest = rows.residual - rows.w @ _solved(known.matrix, known.right)
         noise = floored(np.sqrt((rest**2).sum(axis=0) / freedom))
     overstated = np.array([_overstated(rows, rest, j) for j in range(n)])
+    # Correlated residuals make rows worth less than their number says; a larger noise takes that into account.
     return np.asarray(1.0 / (noise * np.sqrt(overstated * rows.share)))
 
 
 def _overstated(rows: Rows, rest: FloatArray, joint: int) -> float:
-    """By how much these rows of a joint overstate the information in them, at least 1."""
+    """Return by how much these rows of a joint overstate the information in them, at least 1."""
     starts = [
-        at
+        start
         for first, last in zip(rows.borders, rows.borders[1:], strict=False)
-        for at in range(first, last - rows.stretch + 1, rows.stretch)
+        for start in range(first, last - rows.stretch + 1, rows.stretch)
     ]
     if not starts:
         return 1.0
-    taken = np.array(starts)[:, None] + np.arange(rows.stretch)
+    windows = np.array(starts)[:, None] + np.arange(rows.stretch)
     w = rows.w[:, joint]
     used = np.flatnonzero((w != 0).any(axis=0))
-    return overstatement(w[taken][:, :, used], rest[taken, joint], float(np.count_nonzero(rest[taken, joint])))
+    return overstatement(w[windows][:, :, used], rest[windows, joint], float(np.count_nonzero(rest[windows, joint])))
 
 
 def of_rehearsal(model: DesignModel, rehearsal: Rehearsal, row_weights: FloatArray) -> NormalEquations:
-    """The information that an experiment would give, whose rows have the noise 1 / row_weights (n,)."""
+    """Return the normal equations that an experiment would give, whose rows have the noise 1 / row_weights (n,)."""
     motion = rehearsal.motion
-    taken = _spread(len(motion.t))
-    w = model.observe_along(motion, taken)
-    moves = np.abs(motion.dq[taken]) > STANDS
-    weights = (row_weights * moves).reshape(-1) * np.sqrt(rehearsal.n_samples / len(taken))
+    samples = _spread(len(motion.t))
+    w = model.observe_along(motion, samples)
+    # A joint that stands has static friction, which any torque within its band satisfies: such rows tell nothing.
+    moves = np.abs(motion.dq[samples]) > STANDS
+    weights = (row_weights * moves).reshape(-1) * np.sqrt(rehearsal.n_samples / len(samples))
     weighted = w * weights[:, None]
     return NormalEquations(weighted.T @ weighted, np.zeros(w.shape[1]))
 
 
 def _spread(count: int) -> IndexArray:
-    """Evenly spread samples of a motion."""
+    """Return evenly spread indices of a motion's samples, at most `_MOST_ROWS`."""
     return np.unique(np.linspace(0, count - 1, min(count, _MOST_ROWS)).astype(np.intp))
 
 
-def amplitudes(found: NormalEquations, suspect: Sequence[int], rivals: Sequence[int]) -> FloatArray:
-    """Parameters of the suspect alone, fitted to the residual beside the model and without its rivals."""
-    kept = [k for k in range(len(found.right)) if k not in set(rivals) - set(suspect)]
-    solved = _solved(found.matrix[np.ix_(kept, kept)], found.right[kept])
-    return np.asarray(solved[[kept.index(k) for k in suspect]])
+def amplitudes(equations: NormalEquations, suspect: Sequence[int], rivals: Sequence[int]) -> FloatArray:
+    """Fit the suspect's parameters to the residual, beside the model and without its rivals.
+
+    Parameters
+    ----------
+    equations : NormalEquations
+        Of the model with the suspect and its rivals.
+    suspect, rivals : sequence of int
+        Numbers of their parameters.
+
+    Returns
+    -------
+    (len(suspect),)
+        The values of the suspect's parameters.
+    """
+    columns = [k for k in range(len(equations.right)) if k not in set(rivals) - set(suspect)]
+    solved = _solved(equations.matrix[np.ix_(columns, columns)], equations.right[columns])
+    return np.asarray(solved[[columns.index(k) for k in suspect]])
 
 
 def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """The shortest solution, in columns of equal size, of what may have no other than many."""
+    """Return the shortest solution, with columns scaled to equal size, of equations that may be singular."""
+    # Parameters have different units. Without the scaling the cut-off on singular values would drop small columns.
     scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
     return np.asarray(np.linalg.lstsq(matrix / np.outer(scale, scale), right / scale, rcond=1e-9)[0] / scale)
 
 
 def separation(model: DesignModel, known: NormalEquations, parameter: int, size: float | None) -> Separation:
-    """How well a parameter comes out beside everything else in the model.
+    """Return how well a parameter is determined beside everything else in the model.
 
-    `size` is its amplitude, None where nobody knows it.
+    Parameters
+    ----------
+    model : DesignModel
+    known : NormalEquations
+        All data that count.
+    parameter : int
+        Its number in the model.
+    size : float or None
+        Its amplitude, None where nobody knows it.
+
+    Returns
+    -------
+    Separation
     """
-    found = inverse_diagonal_of(known.matrix)
-    deviation = float(np.sqrt(found.variances[parameter]))
+    inverse = inverse_diagonal_of(known.matrix)
+    deviation = float(np.sqrt(inverse.variances[parameter]))
     column = model.kept[parameter]
     return Separation(
         parameter=column.name,
         unit=column.unit,
-        share=float(found.shares[parameter]),
+        share=float(inverse.shares[parameter]),
         standard_deviation=deviation,
         t_value=None if size is None else abs(size) / deviation,
     )

@@ -1,4 +1,4 @@
-"""The desk: robots, recordings, models and findings as one works with them in a notebook.
+"""The classes and functions that `import dynident` gives by name: robots, recordings, models, findings.
 
-`import dynident` gives everything here by name, and loads it when it is used.
+They add to the packages below what work in a notebook needs: tables, data frames, drawings, saving.
 """

@@ -1,4 +1,4 @@
-"""What has changed in a robot between two days."""
+"""The changes of a robot between two sets of recordings."""
 
 from __future__ import annotations
 
@@ -30,13 +30,21 @@ _FRAME_COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class Changes(Sequence[Change], Framed):
-    """What differs between two sets of recordings of one robot; none where nothing does.
+    """What differs between two sets of recordings of one robot; empty where nothing does.
 
-    `diagnosis` also tells what the model lacks before and after.
+    `to_frame` has a row for each number that differs, with the columns
 
-    `to_frame` has a row a number that differs: effect (its id), joint, parameter, before (missing where the model does
-    not have it), difference, interval_low and interval_high (95 %, of the difference), unit (of all four), p_value (of
-    the change, in the row of the number that says how large it is, missing in its others), evidence.
+    * effect (its id), joint, parameter,
+    * before (missing where the model does not have the parameter), difference, interval_low and interval_high (of the
+      difference, 95 %), unit (of all four),
+    * p_value (of the change, in the row of its main number; missing in its other rows), evidence.
+
+    Attributes
+    ----------
+    model : Model
+    before, after : Recordings
+    diagnosis : AdvisedDiagnosis
+        It also says what the model lacks before and after.
     """
 
     model: Model
@@ -57,18 +65,18 @@ class Changes(Sequence[Change], Framed):
     def _columns(self) -> Columns:
         rows = [
             (
-                one.choice.effect,
-                place_text(one.choice.joints, self.model.robot.joint_names),
-                value.parameter,
-                value.before,
-                value.value,
-                *value.interval,
-                value.unit,
-                one.p_value if value is one.main else None,
-                one.evidence,
+                change.choice.effect,
+                place_text(change.choice.joints, self.model.robot.joint_names),
+                parameter_change.parameter,
+                parameter_change.before,
+                parameter_change.value,
+                *parameter_change.interval,
+                parameter_change.unit,
+                change.p_value if parameter_change is change.main else None,
+                change.evidence,
             )
-            for one in self.items
-            for value in (one.main, *one.more)
+            for change in self.items
+            for parameter_change in (change.main, *change.more)
         ]
         return columns_of(_FRAME_COLUMNS, rows)
 
@@ -83,11 +91,11 @@ class Changes(Sequence[Change], Framed):
         from dynident.reports.figures.changes import changes_figure
         from dynident.reports.figures.friction_since import friction_figure
 
-        changed = changes_figure(self.items) if self.items else None
-        drawn = [figure for figure in (changed, friction_figure(self.diagnosis.friction)) if figure]
-        if not drawn:
+        change_figure = changes_figure(self.items) if self.items else None
+        figures = [figure for figure in (change_figure, friction_figure(self.diagnosis.friction)) if figure]
+        if not figures:
             raise DynidentError(f"there is no change to draw: {self.summary}")
-        return figure_of(drawn, "what has changed, with intervals of 95 %")
+        return figure_of(figures, "what has changed, with intervals of 95 %")
 
     def __len__(self) -> int:
         return len(self.items)
@@ -104,19 +112,19 @@ class Changes(Sequence[Change], Framed):
 
     def __repr__(self) -> str:
         head = f"Changes({len(self.items)}): {self.summary}"
-        rows = [row for one in self.items for row in change_rows(one, self.model.robot)]
-        told = text_table(head, COLUMNS, rows, len(rows), right_from=3) if rows else head
-        friction = [friction_row(one) for one in self.diagnosis.friction]
-        return text_table(told, FRICTION_COLUMNS, friction, len(friction), right_from=1) if friction else told
+        rows = [row for change in self.items for row in change_rows(change, self.model.robot)]
+        text = text_table(head, COLUMNS, rows, len(rows), right_from=3) if rows else head
+        friction = [friction_row(change) for change in self.diagnosis.friction]
+        return text_table(text, FRICTION_COLUMNS, friction, len(friction), right_from=1) if friction else text
 
     def _repr_html_(self) -> str:
-        rows = [row for one in self.items for row in change_rows(one, self.model.robot)]
+        rows = [row for item in self.items for row in change_rows(item, self.model.robot)]
         invisible = hidden_text(self.diagnosis, self.model.robot)
         return block(
             paragraph(self.summary, strong=True),
             table(COLUMNS, rows, right_from=3) if rows else "",
-            table(FRICTION_COLUMNS, [friction_row(one) for one in self.diagnosis.friction], right_from=1),
-            folded("evidence", listed(one.evidence for one in self.items)) if self.items else "",
+            table(FRICTION_COLUMNS, [friction_row(item) for item in self.diagnosis.friction], right_from=1),
+            folded("evidence", listed(item.evidence for item in self.items)) if self.items else "",
             paragraph(f"These motions could not have shown: {invisible}.") if invisible else "",
         )
 
@@ -129,29 +137,35 @@ def changes(
     candidates: Sequence[str] | None = None,
     progress: Progress = silent,
 ) -> Changes:
-    """Say what has changed in a robot between two sets of recordings, whose motions may differ.
+    """Find what has changed in a robot between two sets of recordings, whose motions may differ.
 
     Parameters
     ----------
     model : Model
-        Of this robot; it says which effects are there. It is identified anew on both sets.
+        Of this robot; its effects are identified again on both sets.
     before, after : recordings
     candidates : effect ids, optional
-        Only these; the whole catalogue otherwise.
+        Only these are tried; the whole catalogue otherwise.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Changes
 
     Raises
     ------
     DynidentError
         Where one of the two is empty, or the same recording is in both.
     """
-    known, earlier, later = as_model(model), as_recordings(before), as_recordings(after)
+    desk_model, earlier, later = as_model(model), as_recordings(before), as_recordings(after)
     check_some(earlier, "before")
     check_some(later, "after")
-    examined = examine(
-        known.identification,
+    diagnosis = examine(
+        desk_model.identification,
         later.recordings,
         baseline=earlier.recordings,
         candidates=candidates,
         progress=progress,
     )
-    return Changes(known, earlier, later, advise(examined))
+    return Changes(desk_model, earlier, later, advise(diagnosis))

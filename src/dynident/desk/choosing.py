@@ -1,4 +1,4 @@
-"""Effects from whatever says which: texts, choices, and what a diagnosis found."""
+"""Conversion of everything that names effects (texts, choices, diagnoses) to choices of effects."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _TITLE = "Nothing to add"
 
 @runtime_checkable
 class Diagnosed(Protocol):
-    """Something with a diagnosis in it."""
+    """Something that has a diagnosis."""
 
     @property
     def diagnosis(self) -> Diagnosis:
-        """What the library found."""
+        """The diagnosis as the library gives it."""
         ...
 
 
@@ -29,48 +29,84 @@ Addition = Diagnosed | Diagnosis | RankedEffect | EffectChoice | str
 """What can be added to a model."""
 
 
-def named_effects(given: str | EffectChoice | Iterable[str | EffectChoice]) -> tuple[EffectChoice, ...]:
-    """Effects of choices and texts: "default", "stribeck@joint2", "stribeck@joint1+joint2:vs=0.05".
+def named_effects(effects: str | EffectChoice | Iterable[str | EffectChoice]) -> tuple[EffectChoice, ...]:
+    """Return the effects of choices and texts: "default", "stribeck@joint2", "stribeck@joint1+joint2:vs=0.05".
+
+    Parameters
+    ----------
+    effects : str, EffectChoice, or several of them
+
+    Returns
+    -------
+    tuple of EffectChoice
+        In their order; a text may stand for several.
 
     Raises
     ------
     DynidentError
         For a text that cannot be read.
     """
-    items = [given] if isinstance(given, (str, EffectChoice)) else given
+    items = [effects] if isinstance(effects, (str, EffectChoice)) else effects
     return tuple(
         choice for item in items for choice in ((item,) if isinstance(item, EffectChoice) else written_effects([item]))
     )
 
 
 def checked_effects(choices: tuple[EffectChoice, ...], robot: Robot) -> tuple[EffectChoice, ...]:
-    """The same choices; `DynidentError` where there is no such effect or joint, or a shape constant is lacking."""
-    check_choices(choices, robot)
-    return choices
+    """Check that a robot can have some effects, and return them.
 
+    Parameters
+    ----------
+    choices : tuple of EffectChoice
+    robot : Robot
 
-def added_effects(what: Iterable[Addition], robot: Robot) -> tuple[EffectChoice, ...]:
-    """What is to be added, in its order.
+    Returns
+    -------
+    tuple of EffectChoice
+        The same.
 
     Raises
     ------
     DynidentError
-        Where that is nothing, or does not fit the robot.
+        Where there is no such effect or joint, or a shape constant is lacking.
     """
-    found: list[EffectChoice] = []
-    empty = ""
-    for item in what:
+    check_choices(choices, robot)
+    return choices
+
+
+def added_effects(additions: Iterable[Addition], robot: Robot) -> tuple[EffectChoice, ...]:
+    """Return the effects to be added to a model.
+
+    Parameters
+    ----------
+    additions : iterable of diagnoses, ranked effects, effect choices and texts
+        Of a diagnosis all effects that it recommends.
+    robot : Robot
+
+    Returns
+    -------
+    tuple of EffectChoice
+        In their order.
+
+    Raises
+    ------
+    DynidentError
+        Where nothing would be added, or an effect does not fit the robot.
+    """
+    choices: list[EffectChoice] = []
+    reason = ""
+    for item in additions:
         if isinstance(item, (str, EffectChoice)):
-            found += named_effects(item)
+            choices += named_effects(item)
         elif isinstance(item, RankedEffect):
-            found.append(item.choice)
+            choices.append(item.choice)
         elif isinstance(item, (Diagnosis, Diagnosed)):
             diagnosis = item if isinstance(item, Diagnosis) else item.diagnosis
-            found += diagnosis.recommended
-            empty = "" if diagnosis.recommended else f"the diagnosis recommends nothing to add: {diagnosis.summary}"
+            choices += diagnosis.recommended
+            reason = "" if diagnosis.recommended else f"the diagnosis recommends nothing to add: {diagnosis.summary}"
         else:
             raise DynidentError(f"{item!r} is no diagnosis and no effect; an effect is written stribeck@joint2")
-    if not found:
-        detail = empty or 'say what to add: a diagnosis, or effects such as "stribeck@joint2"'
+    if not choices:
+        detail = reason or 'say what to add: a diagnosis, or effects such as "stribeck@joint2"'
         raise DynidentError(detail, title=_TITLE)
-    return checked_effects(tuple(found), robot)
+    return checked_effects(tuple(choices), robot)

@@ -1,4 +1,4 @@
-"""Measured against predicted torque."""
+"""Measured torque compared with predicted torque."""
 
 from __future__ import annotations
 
@@ -31,12 +31,20 @@ _COLUMNS = ("joint", "error, moving", "rms", "all rows", "noise floor", "over no
 
 @dataclass(frozen=True, eq=False)
 class ComparedRecording(Framed):
-    """One recording beside the prediction: `comparison` holds the signals, `judgement` what the error is worth.
+    """One recording compared with the prediction of a model.
 
-    `to_frame` has a row a joint and time, joint after joint: joint, unit (N m or N), t (s), segment (the recording's,
-    from 0 on), measured, predicted, residual, lower, upper, all five in `unit`, and phase (moving, reversing, standing,
-    passive_halt). Torque is filtered and thinned. Where a joint stands its residual is the distance to what static
-    friction may hold, from lower to upper.
+    `to_frame` has a row for each joint and time, joint after joint: joint, unit (N m or N), t (s), segment (of the
+    recording, from 0 on), measured, predicted, residual, lower, upper, all five in `unit`, and phase (moving,
+    reversing, standing, passive_halt). Torque is filtered and decimated. Where a joint stands its residual is the
+    distance to what static friction may hold, from lower to upper.
+
+    Attributes
+    ----------
+    recording : CheckedRecording
+    comparison : Comparison
+        The signals.
+    judgement : Judgement
+        The error in comparison with the noise.
     """
 
     recording: CheckedRecording
@@ -45,24 +53,28 @@ class ComparedRecording(Framed):
 
     @property
     def name(self) -> str:
-        """What the recording is called."""
+        """The name of the recording."""
         return self.recording.name
 
     def _columns(self) -> Columns:
         return Columns(self._arrays())
 
     def plot(self, joints: Sequence[str] = ()) -> Figure:
-        """Draw measured and predicted torque, and what is left, over time.
+        """Draw measured and predicted torque, and the residual, over time.
 
         Parameters
         ----------
         joints : names of joints
             All of them where none is named.
 
+        Returns
+        -------
+        Figure
+
         Raises
         ------
         DynidentError
-            For a joint that there is not.
+            For a joint that the robot does not have.
         """
         from dynident.reports.figures.torque import JOINTS_A_FIGURE, torque_figure
 
@@ -70,30 +82,31 @@ class ComparedRecording(Framed):
         strangers = [name for name in joints if name not in names]
         if strangers:
             raise DynidentError(f"there is no joint {strangers[0]!r}; the robot has: {', '.join(names)}")
-        wanted = [names.index(name) for name in joints or names]
+        indices = [names.index(name) for name in joints or names]
         parts = [
-            torque_figure(self.comparison, wanted[first : first + JOINTS_A_FIGURE], self.name)
-            for first in range(0, len(wanted), JOINTS_A_FIGURE)
+            torque_figure(self.comparison, indices[first : first + JOINTS_A_FIGURE], self.name)
+            for first in range(0, len(indices), JOINTS_A_FIGURE)
         ]
         return figure_of(parts, f"measured and predicted torque of {self.name}")
 
     def _arrays(self) -> dict[str, NDArray[np.generic]]:
-        found = self.comparison
-        m, n = found.measured.shape
+        comparison = self.comparison
+        m, n = comparison.measured.shape
         signals = {
-            "measured": found.measured,
-            "predicted": found.predicted,
-            "residual": found.residual,
-            "lower": found.lower,
-            "upper": found.upper,
+            "measured": comparison.measured,
+            "predicted": comparison.predicted,
+            "residual": comparison.residual,
+            "lower": comparison.lower,
+            "upper": comparison.upper,
         }
         return {
-            "joint": np.repeat(found.joint_names, m),
-            "unit": np.repeat(found.units, m),
-            "t": np.tile(found.t, n),
-            "segment": np.tile(found.segment.astype(np.int64), n),
+            "joint": np.repeat(comparison.joint_names, m),
+            "unit": np.repeat(comparison.units, m),
+            "t": np.tile(comparison.t, n),
+            "segment": np.tile(comparison.segment.astype(np.int64), n),
+            # Column by column, as the joints are repeated: joint after joint.
             **{name: values.ravel("F") for name, values in signals.items()},
-            "phase": _PHASES[found.phase.ravel("F")],
+            "phase": _PHASES[comparison.phase.ravel("F")],
         }
 
     def __repr__(self) -> str:
@@ -103,8 +116,8 @@ class ComparedRecording(Framed):
     def _repr_html_(self) -> str:
         rows = [self._row(j) for j in range(len(self.comparison.joint_names))]
         worst = [
-            f"{one.joint}, {one.start:.2f} to {one.end:.2f} s: {one.ratio:.1f} x the joint's own rms"
-            for one in self.comparison.worst[:_SHOWN]
+            f"{stretch.joint}, {stretch.start:.2f} to {stretch.end:.2f} s: {stretch.ratio:.1f} x the joint's own rms"
+            for stretch in self.comparison.worst[:_SHOWN]
         ]
         return block(
             paragraph(self._head(), strong=True),
@@ -114,27 +127,27 @@ class ComparedRecording(Framed):
         )
 
     def _head(self) -> str:
-        found = self.comparison
-        moving, everywhere = found.moving_errors.relative_total, found.errors.relative_total
+        comparison = self.comparison
+        moving, everywhere = comparison.moving_errors.relative_total, comparison.errors.relative_total
         return f"{self.name}: error {percent(moving)} where joints move, {percent(everywhere)} on all rows"
 
     def _row(self, joint: int) -> tuple[str, ...]:
-        found, judged = self.comparison, self.judgement
-        moving, unit = found.moving_errors, found.units[joint]
+        comparison, judgement = self.comparison, self.judgement
+        moving, unit = comparison.moving_errors, comparison.units[joint]
         moves = bool(moving.counts[joint])
         return (
-            found.joint_names[joint],
+            comparison.joint_names[joint],
             percent(float(moving.relative[joint])) if moves else "never",
             f"{number(float(moving.rms[joint]))} {unit}" if moves else "–",
-            percent(float(found.errors.relative[joint])),
-            f"{number(float(judged.noise.values[joint]))} {unit}",
-            f"{judged.over_noise[joint]:.1f} x" if moving.counts[joint] else "–",
+            percent(float(comparison.errors.relative[joint])),
+            f"{number(float(judgement.noise.values[joint]))} {unit}",
+            f"{judgement.over_noise[joint]:.1f} x" if moving.counts[joint] else "–",
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Comparisons(Sequence[ComparedRecording], Framed):
-    """Recordings beside the prediction of one model; by number, or by the recording's name.
+    """Recordings compared with the prediction of one model; by number, or by the recording's name.
 
     `to_frame` has one below the other: recording (its name), then the columns of `ComparedRecording`.
     """
@@ -143,19 +156,31 @@ class Comparisons(Sequence[ComparedRecording], Framed):
     items: tuple[ComparedRecording, ...]
 
     def _columns(self) -> Columns:
-        found = [item._arrays() for item in self.items]
-        counts = [len(one["t"]) for one in found]
+        arrays = [item._arrays() for item in self.items]
+        counts = [len(recording_arrays["t"]) for recording_arrays in arrays]
         columns: dict[str, NDArray[np.generic]] = {"recording": np.repeat([item.name for item in self.items], counts)}
-        columns |= {name: np.concatenate([one[name] for one in found]) for name in (found[0] if found else ())}
+        columns |= {
+            name: np.concatenate([recording_arrays[name] for recording_arrays in arrays])
+            for name in (arrays[0] if arrays else ())
+        }
         return Columns(columns)
 
     def plot(self, joints: Sequence[str] = ()) -> Figure:
         """Draw all of them, one below the other.
 
+        Parameters
+        ----------
+        joints : names of joints
+            All of them where none is named.
+
+        Returns
+        -------
+        Figure
+
         Raises
         ------
         DynidentError
-            For a joint that there is not.
+            For a joint that the robot does not have.
         """
         names = [item.name for item in self.items]
         svgs = [item.plot(joints).svg for item in self.items]
@@ -175,16 +200,16 @@ class Comparisons(Sequence[ComparedRecording], Framed):
         if isinstance(index, slice):
             return Comparisons(self.model, self.items[index])
         if isinstance(index, str):
-            found = next((item for item in self.items if item.name == index), None)
-            if found is None:
+            item_of_name = next((item for item in self.items if item.name == index), None)
+            if item_of_name is None:
                 raise KeyError(f"there is no {index!r}; there are: {', '.join(item.name for item in self.items)}")
-            return found
+            return item_of_name
         return self.items[index]
 
     def __repr__(self) -> str:
-        shown = [f"  {item._head()}" for item in self.items[:_SHOWN]]
-        more = [f"  … and {len(self.items) - _SHOWN} more"] if len(self.items) > _SHOWN else []
-        return "\n".join([f"Comparisons({len(self.items)})", *shown, *more])
+        lines = [f"  {item._head()}" for item in self.items[:_SHOWN]]
+        rest = [f"  … and {len(self.items) - _SHOWN} more"] if len(self.items) > _SHOWN else []
+        return "\n".join([f"Comparisons({len(self.items)})", *lines, *rest])
 
     def _repr_html_(self) -> str:
         return block(*(item._repr_html_() for item in self.items))
@@ -197,32 +222,42 @@ def compare(
     learnt: SomeRecordings | None = None,
     progress: Progress = silent,
 ) -> Comparisons:
-    """Hold predicted torque against recordings, joint by joint.
+    """Compare measured with predicted torque, joint by joint.
 
     Parameters
     ----------
     model : Model
     recordings : recordings
     learnt : recordings, optional
-        What the model was identified from, where the model has not kept it: tells whether a motion only repeats that.
+        Those that the model was identified from, where the model does not hold them. They tell whether a motion only
+        repeats one of theirs.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Comparisons
 
     Raises
     ------
     DynidentError
         Where there is no recording, it is another robot's, or no row is left after filtering.
     """
-    known, tried = as_model(model), as_recordings(recordings)
-    if not tried:
+    desk_model, checked_recordings = as_model(model), as_recordings(recordings)
+    if not checked_recordings:
         raise DynidentError("give at least one recording to compare with", title="Recordings needed")
-    seen = (known.recordings if learnt is None else as_recordings(learnt)).recordings
+    fit_recordings = (desk_model.recordings if learnt is None else as_recordings(learnt)).recordings
     if learnt is not None:
-        check_same_recordings(known.identification, seen)
-    found = []
-    for index, item in enumerate(tried):
-        share = part(progress, index / len(tried), (index + 1) / len(tried))
-        comparison = compare_recording(known.identification, item.recording, share)
-        others = [one for one in seen if one.source is not item.recording.source]
-        own = len(others) < len(seen)
-        judged = judge(comparison, item.recording, known.identification.preprocessing, () if own else others)
-        found.append(ComparedRecording(item, comparison, judged))
-    return Comparisons(known, tuple(found))
+        check_same_recordings(desk_model.identification, fit_recordings)
+    compared = []
+    for index, item in enumerate(checked_recordings):
+        share = part(progress, index / len(checked_recordings), (index + 1) / len(checked_recordings))
+        comparison = compare_recording(desk_model.identification, item.recording, share)
+        # A recording that the model was identified from is fit data, and no repetition is looked for.
+        others = [recording for recording in fit_recordings if recording.source is not item.recording.source]
+        is_fit_data = len(others) < len(fit_recordings)
+        judgement = judge(
+            comparison, item.recording, desk_model.identification.preprocessing, () if is_fit_data else others
+        )
+        compared.append(ComparedRecording(item, comparison, judgement))
+    return Comparisons(desk_model, tuple(compared))

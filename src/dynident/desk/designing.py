@@ -1,4 +1,4 @@
-"""Exciting trajectories."""
+"""Design of exciting trajectories."""
 
 from __future__ import annotations
 
@@ -31,11 +31,17 @@ _NEAREST = 5
 
 @dataclass(frozen=True, eq=False)
 class DesignedMotion(Framed):
-    """A motion within the robot's limits: `design` as the library knows it.
+    """A trajectory within the robot's limits.
 
-    `to_frame` has a row a sample, from home to home, as `save` writes them: t (s), q_<joint> (rad, m where it slides),
-    dq_<joint> (rad/s, m/s), ddq_<joint> (rad/s^2, m/s^2); of a set of test motions also segment, the number of the run
-    from 1 on, 0 between runs.
+    `to_frame` has a row for each sample, from home to home, as `save` writes them: t (s), q_<joint> (rad, m where it
+    slides), dq_<joint> (rad/s, m/s), ddq_<joint> (rad/s^2, m/s^2); of a set of test motions also segment, the number of
+    the motion from 1 on, 0 between them.
+
+    Attributes
+    ----------
+    robot : Robot
+    design : Design
+        The design as the library gives it.
     """
 
     robot: Robot
@@ -43,18 +49,18 @@ class DesignedMotion(Framed):
 
     @property
     def summary(self) -> str:
-        """What the design is worth, in a few sentences."""
-        found = self.design
-        baseline = found.baseline
-        beside = (
+        """The quality of the design, in a few sentences."""
+        design = self.design
+        baseline = design.baseline
+        random_text = (
             ""
             if baseline is None
             else f"; the best of {baseline.count} random motions reaches {number(baseline.best.condition_number)}"
         )
-        nearest = max(found.margins, key=lambda margin: margin.share)
+        nearest = max(design.margins, key=lambda margin: margin.share)
         return (
-            f"{found.duration:.3g} s from rest to rest, {found.n_samples} samples at {found.sampling_rate:g} Hz. "
-            f"Condition number {number(found.criterion_values.condition_number)}{beside}. Nearest limit: "
+            f"{design.duration:.3g} s from rest to rest, {design.n_samples} samples at {design.sampling_rate:g} Hz. "
+            f"Condition number {number(design.criterion_values.condition_number)}{random_text}. Nearest limit: "
             f"{nearest.limit.replace('_', ' ')} of {nearest.joint}, used to {percent(nearest.share)}."
         )
 
@@ -74,8 +80,8 @@ class DesignedMotion(Framed):
             )
         check_folder(path)
         if path.suffix == ".yaml":
-            found = self.design
-            lines = joint_trajectory(found.joint_names, found.t, found.q, found.dq, found.ddq)
+            design = self.design
+            lines = joint_trajectory(design.joint_names, design.t, design.q, design.dq, design.ddq)
             path.write_bytes(encode_text("".join(lines)))
         else:
             write_design(self.design, path)
@@ -83,11 +89,11 @@ class DesignedMotion(Framed):
     def _columns(self) -> Columns:
         table = design_table(self.design)
         columns = {name: to_numbers(table.column(name)) for name in table.column_names}
-        units = signal_units(columns, self.design.joint_names, [one.kind for one in self.robot.joints])
+        units = signal_units(columns, self.design.joint_names, [joint.kind for joint in self.robot.joints])
         return Columns(columns, units)
 
     def plot(self) -> Figure:
-        """Draw the joints within their limits, how they cover speed and place, and where the tool goes."""
+        """Draw the joints within their limits, their velocity over position, and the path of the tool."""
         from dynident.reports.figures.design import design_figure
 
         return figure_of([design_figure(self.design, self.robot)], f"designed motion of {self.robot.name}")
@@ -119,16 +125,16 @@ def design(
     earlier: SomeRecordings = (),
     progress: Progress = silent,
 ) -> DesignedMotion:
-    """Design a motion that excites the parameters, within the robot's limits and clear of itself.
+    """Design a motion that excites the parameters, within the robot's limits and without collision.
 
     Parameters
     ----------
     robot : Robot
     request : DesignRequest or diagnosis, optional
-        Everything that can be asked for: criterion, limits, surroundings, time, seed and, in its `trajectory`, the
-        family of motions. Of a diagnosis, the next experiment that it proposes. What is said beside it wins.
+        All options: criterion, limits, surroundings, time, seed and, in its `trajectory`, the family of motions. Of a
+        diagnosis, the next experiment that it proposes. The other arguments take precedence over it.
     kind : str, optional
-        "optimized" (where nothing is said), "random", "sequential", "constant_velocity", "slow_sweep", "reversals".
+        "optimized" (the default), "random", "sequential", "constant_velocity", "slow_sweep", "reversals".
     effects : texts or choices, optional
         What is to be identified: ["default", "offset"].
     duration : float, optional
@@ -136,24 +142,32 @@ def design(
     sampling_rate : float, optional
         Hz.
     earlier : recordings
-        Runs that the motion is to complement.
+        Recordings that the motion is to complement.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    DesignedMotion
 
     Raises
     ------
     DynidentError
-        Where that cannot be designed; it names the limit in the way.
+        Where there is no such motion; it names the limit in the way.
     """
-    wanted = _asked(request)
+    design_request = _asked(request)
     if kind is not None:
-        wanted = replace(wanted, kind=kind)
+        design_request = replace(design_request, kind=kind)
     if effects is not None:
-        wanted = replace(wanted, effects=checked_effects(named_effects(effects), robot))
+        design_request = replace(design_request, effects=checked_effects(named_effects(effects), robot))
     if duration is not None:
-        wanted = replace(wanted, trajectory=replace(wanted.trajectory, duration=duration))
+        design_request = replace(design_request, trajectory=replace(design_request.trajectory, duration=duration))
     if sampling_rate is not None:
-        wanted = replace(wanted, trajectory=replace(wanted.trajectory, sampling_rate=sampling_rate))
-    found = design_experiment(robot, wanted, progress, as_recordings(earlier).recordings)
-    return DesignedMotion(robot, found)
+        design_request = replace(
+            design_request, trajectory=replace(design_request.trajectory, sampling_rate=sampling_rate)
+        )
+    designed = design_experiment(robot, design_request, progress, as_recordings(earlier).recordings)
+    return DesignedMotion(robot, designed)
 
 
 def _asked(request: DesignRequest | DiagnosedModel | None) -> DesignRequest:

@@ -1,4 +1,4 @@
-"""What a model lacks."""
+"""Diagnosis: what a model lacks."""
 
 from __future__ import annotations
 
@@ -36,12 +36,20 @@ _MOST_BARS, _MOST_PANELS = 12, 8
 
 @dataclass(frozen=True, eq=False)
 class DiagnosedModel(Framed):
-    """What is missing in a model: `diagnosis` as the library knows it, with the model and the recordings looked at.
+    """A model with its diagnosis.
 
-    `to_frame` has a row a family of effects, best first: rank, effect (its id), joints, constants (in words, with
+    `to_frame` has a row for each candidate, best first: rank, effect (its id), joints, constants (in words, with
     units), error_before, error_after and error_drop (relative, fractions, held out), t_value, p_value, significant,
     recommended, separability (0 to 1), equivalent (ids with commas), evidence, and choice, the text that `Model.extend`
     takes.
+
+    Attributes
+    ----------
+    model : Model
+    recordings : Recordings
+        Those that the diagnosis was made from.
+    diagnosis : AdvisedDiagnosis
+        The diagnosis as the library gives it.
     """
 
     model: Model
@@ -55,22 +63,22 @@ class DiagnosedModel(Framed):
 
     @property
     def summary(self) -> str:
-        """What was found, in a few sentences."""
+        """The findings, in a few sentences."""
         return self.diagnosis.summary
 
     @property
     def recommended(self) -> tuple[EffectChoice, ...]:
-        """What should be added, in this order; `model.extend` takes them, one or all."""
+        """The effects to add, in this order; `model.extend` takes one or all of them."""
         return self.diagnosis.recommended
 
     @property
     def candidates(self) -> tuple[RankedEffect, ...]:
-        """All families of effects, best first."""
+        """All candidates, best first."""
         return self.diagnosis.candidates
 
     @property
     def unknown(self) -> tuple[UnknownPattern, ...]:
-        """What the residual still depends on, though no effect of the catalogue explains it."""
+        """Dependences of the residual that no effect of the catalogue explains."""
         return self.diagnosis.unknown
 
     @property
@@ -85,15 +93,25 @@ class DiagnosedModel(Framed):
 
     @cached_property
     def evidence(self) -> tuple[Evidence, ...]:
-        """What each significant finding explains of the residual, joint by joint."""
-        shown = [one for one in self.candidates if one.significant]
-        return evidence(self.model.identification, shown, self.recordings.recordings)
+        """What each significant candidate explains of the residual, joint by joint."""
+        significant = [candidate for candidate in self.candidates if candidate.significant]
+        return evidence(self.model.identification, significant, self.recordings.recordings)
 
     def _columns(self) -> Columns:
-        return columns_of(_FRAME_COLUMNS, [self._frame_row(one) for one in self.candidates])
+        return columns_of(_FRAME_COLUMNS, [self._frame_row(candidate) for candidate in self.candidates])
 
     def plot(self) -> Figure:
-        """Draw the ranking, and what each significant finding explains of the residual."""
+        """Draw the ranking, and what each significant candidate explains of the residual.
+
+        Returns
+        -------
+        Figure
+
+        Raises
+        ------
+        DynidentError
+            Where no effect was ranked.
+        """
         from dynident.reports.figures.candidates import candidates_figure
         from dynident.reports.figures.evidence import evidence_figure
 
@@ -104,44 +122,45 @@ class DiagnosedModel(Framed):
             raise DynidentError("the diagnosis ranked no effect: there is nothing to draw")
         return figure_of(parts, "what is missing, and the evidence")
 
-    def _frame_row(self, one: RankedEffect) -> tuple[object, ...]:
+    def _frame_row(self, candidate: RankedEffect) -> tuple[object, ...]:
         return (
-            one.rank,
-            one.effect,
-            place_text(one.joints, self.model.robot.joint_names),
-            shape_text(one.choice),
-            one.error_before,
-            one.error_after,
-            one.error_drop,
-            one.t_value,
-            one.p_value,
-            one.significant,
-            one.choice in self.recommended,
-            one.separability,
-            ",".join(one.equivalent),
-            one.evidence,
-            effect_text(one.choice),
+            candidate.rank,
+            candidate.effect,
+            place_text(candidate.joints, self.model.robot.joint_names),
+            shape_text(candidate.choice),
+            candidate.error_before,
+            candidate.error_after,
+            candidate.error_drop,
+            candidate.t_value,
+            candidate.p_value,
+            candidate.significant,
+            candidate.choice in self.recommended,
+            candidate.separability,
+            ",".join(candidate.equivalent),
+            candidate.evidence,
+            effect_text(candidate.choice),
         )
 
     def __repr__(self) -> str:
-        rows = candidate_rows((one for one in self.candidates if one.significant), self.model.robot)
+        rows = candidate_rows((candidate for candidate in self.candidates if candidate.significant), self.model.robot)
         head = f"DiagnosedModel({self.verdict}): {self.summary}"
         return text_table(head, COLUMNS, rows, len(rows), right_from=3) if rows else head
 
     def _repr_html_(self) -> str:
-        robot, found = self.model.robot, self.diagnosis
+        robot, diagnosis = self.model.robot, self.diagnosis
         recommended = [
-            f"{title_of(one.effect)} on {place_text(one.joints, robot.joint_names)}" for one in found.recommended
+            f"{title_of(effect.effect)} on {place_text(effect.joints, robot.joint_names)}"
+            for effect in diagnosis.recommended
         ]
-        invisible = hidden_text(found, robot)
+        invisible = hidden_text(diagnosis, robot)
         return block(
-            paragraph(found.summary, strong=True),
+            paragraph(diagnosis.summary, strong=True),
             paragraph("Recommended, in this order:") + listed(recommended) if recommended else "",
             paragraph("Evidence:") if recommended else "",
-            listed(one.evidence for one in found.candidates if one.significant),
-            table(COLUMNS, candidate_rows(found.candidates, robot), right_from=3),
+            listed(candidate.evidence for candidate in diagnosis.candidates if candidate.significant),
+            table(COLUMNS, candidate_rows(diagnosis.candidates, robot), right_from=3),
             paragraph(f"These data could not have shown: {invisible}.") if invisible else "",
-            _next(found.next_experiment),
+            _next(diagnosis.next_experiment),
         )
 
 
@@ -159,35 +178,52 @@ def diagnose(
     ----------
     model : Model
     recordings : recordings, optional
-        The data to learn from; those that the model was identified from where nothing is said, so that the validation
-        data remain a fair judge.
+        By default those that the model was identified from, so that its validation data stay independent.
     candidates : effect ids, optional
-        Only these; the whole catalogue otherwise.
+        Only these are tried; the whole catalogue otherwise.
     most_effects : int
         At most so many are recommended.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    DiagnosedModel
 
     Raises
     ------
     DynidentError
         Where there are no recordings, or no such effect.
     """
-    known = as_model(model)
+    desk_model = as_model(model)
     if recordings is None:
-        known.check_data("diagnose the model")
-    learnt = known.recordings if recordings is None else as_recordings(recordings)
-    check_some(learnt, "recordings")
-    examined = examine(
-        known.identification,
-        learnt.recordings,
+        desk_model.check_data("diagnose the model")
+    checked_recordings = desk_model.recordings if recordings is None else as_recordings(recordings)
+    check_some(checked_recordings, "recordings")
+    diagnosis = examine(
+        desk_model.identification,
+        checked_recordings.recordings,
         candidates=candidates,
         most_effects=most_effects,
         progress=progress,
     )
-    return DiagnosedModel(known, learnt, advise(examined))
+    return DiagnosedModel(desk_model, checked_recordings, advise(diagnosis))
 
 
 def check_some(recordings: Recordings, name: str) -> None:
-    """Raise `DynidentError` where there is no recording; `name` is the argument."""
+    """Check that there is at least one recording.
+
+    Parameters
+    ----------
+    recordings : Recordings
+    name : str
+        The argument that they were given as.
+
+    Raises
+    ------
+    DynidentError
+        Where there is none.
+    """
     if not recordings:
         raise DynidentError("give at least one recording", pointer=name, title="Recordings needed")
 

@@ -1,4 +1,4 @@
-"""A drawing that a notebook shows and a file holds."""
+"""Drawings that notebooks show and files hold."""
 
 from __future__ import annotations
 
@@ -17,18 +17,22 @@ _GAP, _HEADING = 10.0, 16.0
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """One SVG, in `svg`; `title` says what is to be seen."""
+    """One drawing: `svg` is its source, `title` says what it shows."""
 
     svg: str
     title: str
 
     def save(self, path: str | Path) -> None:
-        """Write the drawing to a file whose ending is .svg.
+        """Write the drawing to an .svg file.
+
+        Parameters
+        ----------
+        path : path
 
         Raises
         ------
         DynidentError
-            For another ending, or a folder that is not there.
+            For another ending, or a folder that does not exist.
         """
         path = Path(path)
         if path.suffix != ".svg":
@@ -40,45 +44,70 @@ class Figure:
         return f"Figure({self.title}; save(…) writes it as SVG)"
 
     def _repr_html_(self) -> str:
-        # On white whatever the notebook's theme: the colours are chosen for paper.
+        # The ground is white whatever the notebook's theme, since the colours are chosen for paper.
         return f'<div style="background:#fff;max-width:1060px">{self.svg}</div>'
 
 
 def figure_of(parts: Sequence[str], title: str, headings: Sequence[str] = ()) -> Figure:
-    """One drawing of <svg> elements, at least one, below each other, each under its heading where there are any."""
-    # What draws them gives them as markup, whose methods would escape what is put into it.
+    """Join drawings, one below the other.
+
+    Parameters
+    ----------
+    parts : sequence of str
+        <svg> elements, at least one.
+    title : str
+        What the drawing shows.
+    headings : sequence of str, optional
+        One above each part.
+
+    Returns
+    -------
+    Figure
+    """
+    # Figures arrive as markupsafe.Markup, whose string methods escape their arguments; plain strings do not.
     svgs = [str(part) for part in parts]
     if len(svgs) == 1:
         return Figure(svgs[0], title)
     sizes = [_size(svg) for svg in svgs]
     width = max(wide for wide, _ in sizes)
-    placed, top = [], 0.0
+    elements, top = [], 0.0
     for k, (svg, (wide, high)) in enumerate(zip(svgs, sizes, strict=True)):
         if headings:
             top += _HEADING
-            placed.append(
+            elements.append(
                 f'<text x="4" y="{top - 4:g}" font-family="sans-serif" font-size="9" font-weight="bold" '
                 f'fill="#333333">{escape(headings[k])}</text>'
             )
-        placed.append(svg.replace("<svg", f'<svg x="0" y="{top:g}" width="{wide:g}" height="{high:g}"', 1))
+        elements.append(svg.replace("<svg", f'<svg x="0" y="{top:g}" width="{wide:g}" height="{high:g}"', 1))
         top += high + _GAP
     box = f"0 0 {width:g} {top - _GAP:g}"
     head = (
         '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
         f'viewBox="{box}" role="img" aria-label="{escape(title, quote=True)}">'
     )
-    drawn = f'{head}<rect width="100%" height="100%" fill="#ffffff"/>{"".join(placed)}</svg>'
-    return Figure(without_control_characters(drawn), title)
+    svg_text = f'{head}<rect width="100%" height="100%" fill="#ffffff"/>{"".join(elements)}</svg>'
+    return Figure(without_control_characters(svg_text), title)
 
 
 def check_folder(path: Path) -> None:
-    """Raise `DynidentError` where a file cannot be written because its folder is not there."""
+    """Check that the folder of a file exists.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file to write.
+
+    Raises
+    ------
+    DynidentError
+        Where it does not.
+    """
     if not path.parent.is_dir():
         raise DynidentError(f"there is no folder {path.parent}", pointer=str(path), title="No such folder")
 
 
 def _size(svg: str) -> tuple[float, float]:
-    found = _BOX.search(svg)
-    if found is None:
+    match = _BOX.search(svg)
+    if match is None:
         raise ValueError("a figure without a viewBox")
-    return float(found[1]), float(found[2])
+    return float(match[1]), float(match[2])

@@ -1,4 +1,4 @@
-"""A robot over many days."""
+"""The changes of a robot over many days."""
 
 from __future__ import annotations
 
@@ -27,12 +27,20 @@ _COLUMNS = ("from", *COLUMNS)
 
 @dataclass(frozen=True, eq=False)
 class FollowedRobot(Sequence["SeriesChange"], Framed):
-    """What changed in a robot over many days, and from which on; none where nothing did.
+    """The changes of a robot over many days, each with the day it began on; empty where nothing changed.
 
-    `series` has every parameter's course; `days` are kept reduced, so that `and_then` reads no recording again.
+    `to_frame` has a row for each parameter and day: parameter, effect, joint, unit, day, value, and lower and upper,
+    the ends of its 95 % interval.
 
-    `to_frame` has a row a parameter and day: parameter, effect, joint, unit, day, value, and lower and upper, the ends
-    of its 95 % interval.
+    Attributes
+    ----------
+    model : Model
+    measure : Measure
+        Which parameters may vary.
+    days : tuple of Day
+        The data of each day, reduced, so that `and_then` reads no recording again.
+    series : Series
+        The values of every parameter, and the changes.
     """
 
     model: Model
@@ -53,20 +61,32 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
     def and_then(
         self, days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings], progress: Progress = silent
     ) -> FollowedRobot:
-        """The same with more days behind these; each costs its own recordings alone."""
+        """Return the series with more days behind these; only their recordings are read.
+
+        Parameters
+        ----------
+        days : recordings of each day
+            As `series` takes them.
+        progress : function, optional
+            Called with the fraction done and a message.
+
+        Returns
+        -------
+        FollowedRobot
+        """
         return _followed(self.model, self.measure, self.days, days, progress)
 
     def _columns(self) -> Columns:
         rows = [
-            (one.parameter, one.effect, one.joint, one.unit, day, one.values[k], *one.intervals[k])
-            for one in self.series.courses
+            (track.parameter, track.effect, track.joint, track.unit, day, track.values[k], *track.intervals[k])
+            for track in self.series.courses
             for k, day in enumerate(self.series.days)
         ]
         names = ("parameter", "effect", "joint", "unit", "day", "value", "lower", "upper")
         return columns_of(names, rows)
 
     def plot(self) -> Figure:
-        """Draw every parameter that may vary day by day, with its intervals."""
+        """Draw every parameter that may vary, day by day, with its intervals."""
         from dynident.reports.figures.courses import courses_figure
 
         return figure_of([courses_figure(self.series)], f"{len(self.days)} days of {self.model.robot.name}")
@@ -94,13 +114,13 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
         return block(
             paragraph(self.summary, strong=True),
             table(_COLUMNS, rows, right_from=4) if rows else "",
-            folded("evidence", listed(one.change.evidence for one in self.items)) if rows else "",
+            folded("evidence", listed(item.change.evidence for item in self.items)) if rows else "",
             self.plot()._repr_html_(),
         )
 
     def _rows(self) -> list[tuple[str, ...]]:
         robot, days = self.model.robot, self.series.days
-        return [(days[one.since], *row) for one in self.items for row in change_rows(one.change, robot)]
+        return [(days[item.since], *row) for item in self.items for row in change_rows(item.change, robot)]
 
 
 def series(
@@ -109,15 +129,21 @@ def series(
     *,
     progress: Progress = silent,
 ) -> FollowedRobot:
-    """Say what has changed in a robot over many days, from which day on, and how every parameter went.
+    """Find what has changed in a robot over many days, from which day on, and the values of every parameter.
 
     Parameters
     ----------
     model : Model
-        Of this robot; it says which effects are there.
+        Of this robot, with its effects.
     days : recordings of each day
-        In their order, the first is what the others are compared with; a mapping names the days, else each is called
-        after its first recording. Motions may differ.
+        In their order; the first is what the others are compared with. A mapping names the days, else each has the name
+        of its first recording. Motions may differ.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    FollowedRobot
 
     Raises
     ------
@@ -126,12 +152,17 @@ def series(
     """
     from dynident.diagnosis.series import what_may_change
 
-    known = as_model(model)
-    named = _named(days)
-    warm = bool(named) and all(
-        recording.has_temperature for _, one in named for recording in as_recordings(one).recordings
+    desk_model = as_model(model)
+    named_days = _named(days)
+    # Temperature can explain differences between days only where every day recorded it.
+    has_temperatures = bool(named_days) and all(
+        recording.has_temperature
+        for _, day_recordings in named_days
+        for recording in as_recordings(day_recordings).recordings
     )
-    return _followed(known, what_may_change(known.identification, with_temperature=warm), (), days, progress)
+    return _followed(
+        desk_model, what_may_change(desk_model.identification, with_temperature=has_temperatures), (), days, progress
+    )
 
 
 def _followed(
@@ -144,19 +175,20 @@ def _followed(
     from dynident.diagnosis.series import free_name, measured
     from dynident.diagnosis.series import series as series_of
 
-    found, named = list(before), _named(days)
-    for number_of, (name, one) in enumerate(named):
-        recordings = as_recordings(one)
-        check_some(recordings, f"days[{number_of}]" if name is None else f"days[{name!r}]")
-        told = part(progress, 0.5 * number_of / len(named), 0.5 * (number_of + 1) / len(named))
-        called = free_name(recordings.names[0], found) if name is None else name
-        found.append(measured(measure, called, recordings.recordings, told))
-    return FollowedRobot(model, measure, tuple(found), series_of(measure, found, part(progress, 0.5, 1.0)))
+    known_days, named_days = list(before), _named(days)
+    for index, (name, day_recordings) in enumerate(named_days):
+        recordings = as_recordings(day_recordings)
+        check_some(recordings, f"days[{index}]" if name is None else f"days[{name!r}]")
+        # Reading and reducing the days counts as half of the work, the comparison as the other half.
+        day_progress = part(progress, 0.5 * index / len(named_days), 0.5 * (index + 1) / len(named_days))
+        day_name = free_name(recordings.names[0], known_days) if name is None else name
+        known_days.append(measured(measure, day_name, recordings.recordings, day_progress))
+    return FollowedRobot(model, measure, tuple(known_days), series_of(measure, known_days, part(progress, 0.5, 1.0)))
 
 
 def _named(
     days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings],
 ) -> list[tuple[str | None, SomeRecordings]]:
     if isinstance(days, Mapping):
-        return [(str(name), one) for name, one in days.items()]
-    return [(None, one) for one in days]
+        return [(str(name), day_recordings) for name, day_recordings in days.items()]
+    return [(None, day_recordings) for day_recordings in days]

@@ -1,4 +1,4 @@
-"""Tables as data frames of pandas or polars, whichever is there: the project itself needs neither."""
+"""Tables as data frames of pandas or polars, whichever is installed; this library needs neither."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dynident.errors import DynidentError
 
 if TYPE_CHECKING:
-    # Who has one of them alone is told its names by an editor, and nothing of the other.
+    # For type checkers and editors alone: users have one of them, or none.
     import pandas
     import polars
 
@@ -24,19 +24,30 @@ _LIBRARIES: tuple[FrameLibrary, ...] = ("pandas", "polars")
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Columns by their names, each of as many values (m,), and the unit of each that has one."""
+    """Named columns of the same length, with the unit of each that has one."""
 
     values: Mapping[str, Sequence[object] | NDArray[np.generic]]
     units: Mapping[str, str] = field(default_factory=dict)
 
 
 def columns_of(names: Sequence[str], rows: Sequence[Sequence[object]]) -> Columns:
-    """Rows as columns of these names."""
+    """Return rows as named columns.
+
+    Parameters
+    ----------
+    names : sequence of str
+    rows : sequence of sequences
+        Each as long as `names`.
+
+    Returns
+    -------
+    Columns
+    """
     return Columns({name: [row[k] for row in rows] for k, name in enumerate(names)})
 
 
 class Framed(ABC):
-    """What becomes a data frame; each class says which columns it has, and what is in a row."""
+    """Base class of results that can be turned into a data frame; each subclass states its columns and rows."""
 
     @overload
     def to_frame(self, library: Literal["pandas"]) -> pandas.DataFrame: ...
@@ -45,18 +56,16 @@ class Framed(ABC):
     @overload
     def to_frame(self, library: FrameLibrary | None = None) -> pandas.DataFrame | polars.DataFrame: ...
     def to_frame(self, library: FrameLibrary | None = None) -> pandas.DataFrame | polars.DataFrame:
-        """A data frame of pandas or polars, with the columns that the class states.
+        """Return a data frame of pandas or polars, with the columns that the class states.
 
         Parameters
         ----------
         library : "pandas", "polars" or None
             None: pandas where it is installed, else polars.
 
-        Returns
-        -------
-        data frame
-            Of pandas the units are in `frame.attrs["units"]` where columns have one each; those of polars have no place
-            for them.
+        Returns ------- data frame
+            With pandas the units are in `frame.attrs["units"]`, where columns have one each; polars has no place for
+            them.
 
         Raises
         ------
@@ -74,14 +83,15 @@ def _frame(columns: Columns, library: FrameLibrary | None) -> pandas.DataFrame |
         raise DynidentError(f"there are no frames of {library!r}; choose pandas or polars", pointer="library")
     for name in (library,) if library else _LIBRARIES:
         try:
-            made: pandas.DataFrame | polars.DataFrame = import_module(name).DataFrame(dict(columns.values))
+            frame: pandas.DataFrame | polars.DataFrame = import_module(name).DataFrame(dict(columns.values))
         except ModuleNotFoundError as missing:
+            # The library is installed but lacks a package of its own: that is another fault.
             if missing.name != name:
                 raise
             continue
         if columns.units and name == "pandas":
-            made.attrs["units"] = dict(columns.units)
-        return made
-    wanted = library or "pandas or polars"
+            frame.attrs["units"] = dict(columns.units)
+        return frame
+    libraries = library or "pandas or polars"
     install = f"pip install {library}" if library else "pip install pandas, or pip install polars"
-    raise DynidentError(f"a data frame needs {wanted}, which is not installed: {install}", title="Not installed")
+    raise DynidentError(f"a data frame needs {libraries}, which is not installed: {install}", title="Not installed")

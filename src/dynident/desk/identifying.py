@@ -1,4 +1,4 @@
-"""Models from recordings, and from files."""
+"""Identification of models from recordings, and reading of models from files."""
 
 from __future__ import annotations
 
@@ -35,36 +35,50 @@ def identify(
     ----------
     robot : Robot
     recordings : recordings
-        What the parameters are fitted to.
+        The parameters are fitted to them.
     validation : recordings
-        What no parameter sees; the held-out errors come from them.
+        No parameter is fitted to them; they give the held-out errors.
     effects : texts or choices, optional
-        ["default", "offset", "stribeck@joint2:vs=0.05"]; "default" stands for links, rotors, Coulomb and viscous
-        friction, which are taken where nothing is said. `dynident effects` lists all.
+        ["default", "offset", "stribeck@joint2:vs=0.05"]; "default", which is the default, stands for links, rotors,
+        Coulomb and viscous friction. `dynident effects` lists all.
     estimator : str or Estimator, optional
         How the parameters are solved for, by its name or with options of its own: see docs/methods.md.
     choices : IdentificationChoices, optional
-        Everything that can be chosen: model, strategy, prior, filters and the rest. What is said beside it wins.
+        All options: equation type, strategy, prior, filters and the rest. `effects` and `estimator` take precedence.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Model
 
     Raises
     ------
     DynidentError
         Where the choices do not fit each other or the robot, or the data do not determine the parameters.
     """
-    wanted = choices or IdentificationChoices()
+    all_choices = choices or IdentificationChoices()
     if effects is not None:
-        wanted = replace(wanted, effects=checked_effects(named_effects(effects), robot))
+        all_choices = replace(all_choices, effects=checked_effects(named_effects(effects), robot))
     if estimator is not None:
-        wanted = replace(wanted, estimator=estimator)
-    learnt, tried = as_recordings(recordings), as_recordings(validation)
-    found = identify_parameters(robot, learnt.recordings, tried.recordings, wanted, progress)
-    return Model(found, learnt, tried)
+        all_choices = replace(all_choices, estimator=estimator)
+    fit_recordings, held_out = as_recordings(recordings), as_recordings(validation)
+    identification = identify_parameters(robot, fit_recordings.recordings, held_out.recordings, all_choices, progress)
+    return Model(identification, fit_recordings, held_out)
 
 
 def load_model(path: str | Path) -> Model:
     """Read a model that `Model.save` or `dynident identify --out` wrote.
 
-    Its recordings are not in the file: `Model.with_data` gives them back, for what needs them.
+    The file does not hold its recordings. `Model.with_data` adds them for methods that need them.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Model
 
     Raises
     ------
@@ -80,6 +94,15 @@ def load_model(path: str | Path) -> Model:
         raise DynidentError(f"{path.name}: {error.detail}", pointer=str(path), title=error.title) from error
 
 
-def as_model(given: Model | Identification) -> Model:
-    """The model, or the library's identification as one."""
-    return given if isinstance(given, Model) else Model(given, NO_DATA, NO_DATA)
+def as_model(model: Model | Identification) -> Model:
+    """Return a model without data where the library's identification is given, else the model itself.
+
+    Parameters
+    ----------
+    model : Model or Identification
+
+    Returns
+    -------
+    Model
+    """
+    return model if isinstance(model, Model) else Model(model, NO_DATA, NO_DATA)

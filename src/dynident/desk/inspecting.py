@@ -1,4 +1,4 @@
-"""A look at a file before it is read."""
+"""Inspection of a file before it is read."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SHOWN, _NAMES = 30, 12
 
 
 class ProposedColumns(TypedDict, total=False):
-    """Arguments of `read_recordings`; none where nothing is proposed."""
+    """Arguments of `read_recordings` that are proposed; empty where nothing is."""
 
     columns: dict[str, str]
     units: dict[str, str]
@@ -27,51 +27,54 @@ class ProposedColumns(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class InspectedFile:
-    """What a file most probably holds; `read_recordings(path, robot=robot, **found.said)` takes it as proposed."""
+    """The probable contents of a file; `read_recordings(path, robot=robot, **found.said)` reads it as proposed."""
 
     inspection: Inspection
     rate: float | None = None
 
     @property
     def guesses(self) -> tuple[Guess, ...]:
-        """What was guessed, how surely, and why."""
+        """The guesses, with their probability and reason."""
         return () if self.inspection.proposal is None else self.inspection.proposal.guesses
 
     @property
     def questions(self) -> tuple[Question, ...]:
-        """What has to be answered before the file can be used."""
+        """Questions to answer before the file can be used."""
         return () if self.inspection.proposal is None else self.inspection.proposal.questions
 
     @property
     def said(self) -> ProposedColumns:
-        """Columns and units that are proposed, and the rate that was stated, as `read_recordings` takes them."""
+        """Proposed columns and units, and the rate that was stated, as arguments of `read_recordings`."""
         proposal = self.inspection.proposal
         if proposal is None:
             return {}
-        said: ProposedColumns = {"columns": dict(proposal.columns), "units": dict(proposal.units)}
-        return said if self.rate is None else {**said, "metadata": RecordingMetadata(rate=self.rate)}
+        arguments: ProposedColumns = {"columns": dict(proposal.columns), "units": dict(proposal.units)}
+        return arguments if self.rate is None else {**arguments, "metadata": RecordingMetadata(rate=self.rate)}
 
     def __repr__(self) -> str:
         lines = [self._head()]
-        lines += [f"  {one.field}: {one.value} ({one.confidence:.0%}: {one.reason})" for one in self.guesses[:_SHOWN]]
+        lines += [
+            f"  {guess.field}: {guess.value} ({guess.confidence:.0%}: {guess.reason})"
+            for guess in self.guesses[:_SHOWN]
+        ]
         left_out = len(self.guesses) - _SHOWN
         lines += [f"  … and {left_out} more (.guesses)"] if left_out > 0 else []
-        lines += [f"  ? {one.field}: {one.detail}" for one in self.questions]
+        lines += [f"  ? {question.field}: {question.detail}" for question in self.questions]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        rows = [(one.field, one.value, f"{one.confidence:.0%}", one.reason) for one in self.guesses]
+        rows = [(guess.field, guess.value, f"{guess.confidence:.0%}", guess.reason) for guess in self.guesses]
         return block(
             paragraph(self._head(), strong=True),
             table(_COLUMNS, rows, right_from=len(_COLUMNS)) if rows else "",
             paragraph("To be answered:") if self.questions else "",
-            listed(_question(one) for one in self.questions),
+            listed(_question(question) for question in self.questions),
         )
 
     def _head(self) -> str:
         names = self.inspection.columns
-        more = f" and {len(names) - _NAMES} more" if len(names) > _NAMES else ""
-        return f"{self.inspection.format}, {len(names)} columns: {', '.join(names[:_NAMES])}{more}"
+        rest = f" and {len(names) - _NAMES} more" if len(names) > _NAMES else ""
+        return f"{self.inspection.format}, {len(names)} columns: {', '.join(names[:_NAMES])}{rest}"
 
 
 def inspect(
@@ -81,18 +84,23 @@ def inspect(
     drive_gains: DriveGains | None = None,
     rate: float | None = None,
 ) -> InspectedFile:
-    """Look at a file in any format that is read: what its columns are, in which units, and what is to be answered.
+    """Find out what the columns of a file are, in which units, and which questions are open.
 
     Parameters
     ----------
     path : path, or several
-        Several files that are one recording are given as a tuple: ("q.csv", "dq.csv", "tau.csv").
+        In any format that can be read. Several files that are one recording are given as a tuple: ("q.csv", "dq.csv",
+        "tau.csv").
     robot : Robot, optional
-        Whose recording it is; without it the columns are only listed.
+        The robot that was recorded; without it the columns are only listed.
     drive_gains : mapping of joint name to float, or one float a joint
         In N m (N) per unit of current, instead of the robot's.
     rate : float, optional
         Hz of the rows, where the file has no time.
+
+    Returns
+    -------
+    InspectedFile
 
     Raises
     ------
@@ -101,10 +109,10 @@ def inspect(
     RecordingError
         For a file that cannot be read.
     """
-    found = readable_path(path)
+    readable = readable_path(path)
     machine = with_gains(robot, drive_gains) if robot is not None and drive_gains is not None else robot
-    return InspectedFile(inspect_file(found, machine, rate), rate)
+    return InspectedFile(inspect_file(readable, machine, rate), rate)
 
 
-def _question(one: Question) -> str:
-    return f"{one.field}: {one.detail}" + (f" ({', '.join(one.choices)})" if one.choices else "")
+def _question(question: Question) -> str:
+    return f"{question.field}: {question.detail}" + (f" ({', '.join(question.choices)})" if question.choices else "")

@@ -1,4 +1,4 @@
-"""An identified model with the data that it stands on."""
+"""An identified model together with the recordings that it was identified from."""
 
 from __future__ import annotations
 
@@ -35,10 +35,18 @@ _LONGEST = 90
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """An identified model: `identification` as the library knows it, and the recordings that it was made from.
+    """An identified model.
 
-    `recordings` are those that its parameters were fitted to, `validation` those that no parameter saw. Both are empty
-    in a model that comes out of a file, until `with_data` gives them.
+    A model that was read from a file has no recordings until `with_data` adds them.
+
+    Attributes
+    ----------
+    identification : Identification
+        The model as the library gives it.
+    recordings : Recordings
+        Those that the parameters were fitted to.
+    validation : Recordings
+        Held-out recordings, to which no parameter was fitted.
     """
 
     identification: Identification
@@ -57,73 +65,86 @@ class Model:
 
     @property
     def effects(self) -> tuple[EffectChoice, ...]:
-        """The effects that are in the model."""
+        """The effects in the model."""
         return self.identification.choices.effects
 
     @property
     def fit(self) -> Errors:
-        """Errors on all rows of the data that it was identified from: `fit.relative_total`, `fit.relative` (n,), …"""
+        """Errors on all rows of the data of the fit: `fit.relative_total`, `fit.relative` (n,), …"""
         return self.identification.fit
 
     @property
     def held_out(self) -> Errors | None:
-        """Errors on all rows of the validation data; None where there were none."""
+        """Errors on all rows of the validation data; None where there are none."""
         return self.identification.held_out
 
     @cached_property
     def errors(self) -> ErrorTable:
-        """Errors joint by joint: of the fit and held out, where the joint moves and on all rows."""
+        """Errors joint by joint: in the fit and held out, where the joint moves and on all rows."""
         return ErrorTable.of(self.identification)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the identification warns of."""
+        """The warnings of the identification."""
         return self.identification.warnings
 
     @property
     def ladder(self) -> Ladder:
-        """The models that led here, the first one first, and this one last."""
+        """The models that led to this one, in order, with this one as the last."""
         return Ladder(tuple(Model(rung, self.recordings, self.validation) for rung in self.identification.ladder()))
 
     @property
     def summary(self) -> str:
-        """How good the model is, in a few sentences."""
-        found = self.identification
-        good = sum(one.well_identified for one in self.parameters)
-        held_out = "" if found.held_out is None else f", {percent(found.held_out.relative_total)} on held-out data"
+        """The quality of the model, in a few sentences."""
+        identification = self.identification
+        n_determined = sum(parameter.well_identified for parameter in self.parameters)
+        n_parameters = counted(identification.model.n_parameters, "base parameter")
+        errors = identification.held_out
+        held_out = "" if errors is None else f", {percent(errors.relative_total)} on held-out data"
         sentences = [
-            f"The relative error of the torque is {percent(found.fit.relative_total)} in the fit{held_out}.",
-            f"{good} of {counted(found.model.n_parameters, 'base parameter')} are determined by the data.",
-            f"The condition number of W is {number(found.condition_number)}; there are "
-            f"{found.equations_per_parameter:.0f} equations per parameter.",
+            f"The relative error of the torque is {percent(identification.fit.relative_total)} in the fit{held_out}.",
+            f"{n_determined} of {n_parameters} are determined by the data.",
+            f"The condition number of W is {number(identification.condition_number)}; there are "
+            f"{identification.equations_per_parameter:.0f} equations per parameter.",
         ]
-        if found.warnings:
-            sentences.append(f"There {'is' if len(found.warnings) == 1 else 'are'} "
-                             f"{counted(len(found.warnings), 'warning')}.")  # fmt: skip
+        if identification.warnings:
+            sentences.append(f"There {'is' if len(identification.warnings) == 1 else 'are'} "
+                             f"{counted(len(identification.warnings), 'warning')}.")  # fmt: skip
         return " ".join(sentences)
 
     def verdict(self, validations: Sequence[Outcome] = ()) -> ModelVerdict:
-        """What the model is fit for (simulation, feed-forward, collision detection, payload), why not, what to do next.
+        """Judge what the model is fit for (simulation, feed-forward, collision detection, payload).
 
-        Without the recordings (see `with_data`) neither what the held-out data share with those of the fit nor the
-        cause of a gross mistake is looked for, and simulation, collision detection and payload are not judged.
+        Without the recordings (see `with_data`) simulation, collision detection and payload are not judged, and neither
+        shared data of fit and validation nor the cause of a gross mistake is searched for.
 
         Parameters
         ----------
         validations : sequence of Outcome, optional
-            What `validate` gave: a test that failed revises the verdict of the use that it is about.
+            Results of `validate`: a failed test revises the verdict on the use that it concerns.
+
+        Returns
+        -------
+        ModelVerdict
         """
-        checks = {one.name: one.checks for one in (*self.recordings, *self.validation)}
+        checks = {recording.name: recording.checks for recording in (*self.recordings, *self.validation)}
         return verdict(self.identification, self.recordings.recordings, self.validation.recordings, checks, validations)
 
     def extend(self, *what: Addition, progress: Progress = silent) -> Model:
-        """Add effects, one rung of the ladder each, on the data that the model was identified from.
+        """Add effects, each as one step of the ladder, on the data that the model was identified from.
 
         Parameters
         ----------
         what : diagnosis, ranked effect, effect choice or text
             Of a diagnosis all that it recommends, in its order; a text as "stribeck@joint2" or
             "stribeck@joint1+joint2:vs=0.05".
+        progress : function, optional
+            Called with the fraction done and a message.
+
+        Returns
+        -------
+        Model
+            The new model, whose ladder continues this one's.
 
         Raises
         ------
@@ -132,11 +153,20 @@ class Model:
         """
         added = added_effects(what, self.robot)
         self.check_data("extend the model")
-        grown = extend(self.identification, added, self.recordings.recordings, self.validation.recordings, progress)
-        return replace(self, identification=grown)
+        extended = extend(self.identification, added, self.recordings.recordings, self.validation.recordings, progress)
+        return replace(self, identification=extended)
 
     def remove(self, *what: EffectChoice | str) -> Model:
-        """Take effects out again: off the joints that are named, or off all. Needs no recordings.
+        """Remove effects, from the joints that are named or from all. Needs no recordings.
+
+        Parameters
+        ----------
+        what : effect choices or texts
+
+        Returns
+        -------
+        Model
+            The new model, whose ladder continues this one's.
 
         Raises
         ------
@@ -146,22 +176,42 @@ class Model:
         return replace(self, identification=remove(self.identification, named_effects(what)))
 
     def with_data(self, recordings: SomeRecordings, validation: SomeRecordings = ()) -> Model:
-        """The same model with the recordings that it was identified from, and those that no parameter saw.
+        """Return the model with the recordings that it was identified from, and held-out ones.
+
+        Parameters
+        ----------
+        recordings : recordings
+        validation : recordings
+
+        Returns
+        -------
+        Model
 
         Raises
         ------
         DynidentError
-            Where they are not called as those that it was identified from, or hold other samples.
+            Where they have other names than those that it was identified from, or hold other samples.
         """
-        learnt, tried = as_recordings(recordings), as_recordings(validation)
-        _check_names(learnt, self.identification.data.measurement_names, "was identified from")
-        check_same_recordings(self.identification, learnt.recordings)
-        if tried and self.identification.data.validation_names:
-            _check_names(tried, self.identification.data.validation_names, "was tried on")
-        return replace(self, recordings=learnt, validation=tried)
+        fit_recordings, held_out = as_recordings(recordings), as_recordings(validation)
+        _check_names(fit_recordings, self.identification.data.measurement_names, "was identified from")
+        check_same_recordings(self.identification, fit_recordings.recordings)
+        if held_out and self.identification.data.validation_names:
+            _check_names(held_out, self.identification.data.validation_names, "was tried on")
+        return replace(self, recordings=fit_recordings, validation=held_out)
 
     def check_data(self, purpose: str) -> None:
-        """Raise `DynidentError` where the model has no recordings to do something with."""
+        """Check that the model has its recordings.
+
+        Parameters
+        ----------
+        purpose : str
+            What they are needed for, as a verb, for the message.
+
+        Raises
+        ------
+        DynidentError
+            Where it has none.
+        """
         if not self.recordings:
             names = ", ".join(self.identification.data.measurement_names)
             raise DynidentError(
@@ -194,18 +244,29 @@ class Model:
         return predict(self.identification.estimate, q, dq, ddq, level=level)
 
     def predictor(self) -> TorquePredictor:
-        """Return a predictor for a controller: `step(q, dq, ddq)` once a sample, `reset()` before a new motion."""
+        """Return a predictor for a controller.
+
+        Returns
+        -------
+        TorquePredictor
+            Call `step(q, dq, ddq)` once a sample, and `reset()` before a new motion.
+        """
         return PredictingModel.of(self.identification).predictor()
 
     def save(self, path: str | Path) -> None:
-        """Write the model, with the models that led to it, to an .npz file; `load_model` reads it, and so do commands.
+        """Write the model, with the models that led to it, to an .npz file, which `load_model` and the commands read.
 
-        The recordings are not in it, only what they come down to: enough to predict, to remove effects, to solve anew.
+        The file does not hold the recordings, only their reduced equations: enough to predict, to remove effects and to
+        solve again.
+
+        Parameters
+        ----------
+        path : path
 
         Raises
         ------
         DynidentError
-            For another ending, or a folder that is not there.
+            For another ending, or a folder that does not exist.
         """
         path = Path(path)
         if path.suffix != ".npz":
@@ -214,7 +275,7 @@ class Model:
         path.write_bytes(to_bytes(self.identification))
 
     def plot(self) -> Figure:
-        """Draw the error of every model of the ladder, in total and joint by joint."""
+        """Draw the errors of every model of the ladder, in total and joint by joint."""
         return self.ladder.plot()
 
     def __repr__(self) -> str:
@@ -236,34 +297,38 @@ class Model:
 
 @dataclass(frozen=True, eq=False)
 class Ladder(Sequence[Model], Framed):
-    """Models in the order in which one was made from the other, the first one first.
+    """Models in the order in which each was made from the one before.
 
-    `to_frame` has a row a model, the first one first: model (its number, from 1), new (what it adds and leaves out, in
-    words), parameters (how many), fit, fit_moving, held_out and held_out_moving (relative errors of the torque,
-    fractions, on all rows and where joints move; missing where there is no such data), best and rises (on held-out
-    data).
+    `to_frame` has a row for each model: model (its number, from 1), new (what it adds and leaves out, in words),
+    parameters (their number), fit, fit_moving, held_out and held_out_moving (relative errors of the torque, fractions,
+    on all rows and where joints move; missing where there is no such data), best and rises (on held-out data).
     """
 
     items: tuple[Model, ...]
 
     def _columns(self) -> Columns:
-        models = [one.identification for one in self.items]
-        found = best_rung(models)
+        models = [model.identification for model in self.items]
+        best_step = best_rung(models)
         rows = []
-        for k, one in enumerate(models):
-            errors = (one.fit, one.fit_moving, one.held_out, one.held_out_moving)
+        for k, identification in enumerate(models):
+            errors = (
+                identification.fit,
+                identification.fit_moving,
+                identification.held_out,
+                identification.held_out_moving,
+            )
             totals = (None if error is None else error.relative_total for error in errors)
-            best, rises = (False, False) if found is None else (k == found.best, k in found.rises)
-            rows.append((k + 1, _whole_change(one), one.model.n_parameters, *totals, best, rises))
+            best, rises = (False, False) if best_step is None else (k == best_step.best, k in best_step.rises)
+            rows.append((k + 1, _whole_change(identification), identification.model.n_parameters, *totals, best, rises))
         return columns_of(_FRAME_COLUMNS, rows)
 
     def plot(self) -> Figure:
-        """Draw the error of every model, in total and joint by joint."""
+        """Draw the errors of every model, in total and joint by joint."""
         from dynident.reports.figures.ladder import models_figure
 
         count = counted(len(self.items), "model")
         return figure_of(
-            [models_figure([one.identification for one in self.items])], f"errors of {count}, joint by joint"
+            [models_figure([model.identification for model in self.items])], f"errors of {count}, joint by joint"
         )
 
     def __len__(self) -> int:
@@ -286,18 +351,18 @@ class Ladder(Sequence[Model], Framed):
         return table(_COLUMNS, list(self._rows()), right_from=2)
 
     def _rows(self) -> Iterator[tuple[str, ...]]:
-        models = [one.identification for one in self.items]
-        best = best_rung(models)
-        for k, one in enumerate(models):
-            held_out = "–" if one.held_out is None else percent(one.held_out.relative_total)
-            fit, mark = percent(one.fit.relative_total), rung_mark(best, k, len(models))
-            yield str(k + 1), _change(one), str(one.model.n_parameters), fit, held_out, mark
+        models = [model.identification for model in self.items]
+        best_step = best_rung(models)
+        for k, identification in enumerate(models):
+            held_out = "–" if identification.held_out is None else percent(identification.held_out.relative_total)
+            fit, mark = percent(identification.fit.relative_total), rung_mark(best_step, k, len(models))
+            yield str(k + 1), _change(identification), str(identification.model.n_parameters), fit, held_out, mark
 
 
-def _check_names(given: Recordings, wanted: tuple[str, ...], use: str) -> None:
-    if given.names != wanted:
+def _check_names(recordings: Recordings, names: tuple[str, ...], use: str) -> None:
+    if recordings.names != names:
         raise DynidentError(
-            f"the model {use} {', '.join(wanted)}; these recordings are {', '.join(given.names) or 'none'}",
+            f"the model {use} {', '.join(names)}; these recordings are {', '.join(recordings.names) or 'none'}",
             title="Other recordings",
         )
 
@@ -308,16 +373,16 @@ _FRAME_COLUMNS = (
 _COLUMNS = ("model", "what is new", "parameters", "fit", "held out", "")
 
 
-def _whole_change(one: Identification) -> str:
-    robot = one.model.robot
-    if one.step.parent is None:
-        return ", ".join(dict.fromkeys(title_of(choice.effect) for choice in one.choices.effects))
-    added = [_words(choice, robot) for choice in one.step.added]
-    return ", ".join([*added, *(f"without {_words(choice, robot)}" for choice in one.step.removed)])
+def _whole_change(identification: Identification) -> str:
+    robot = identification.model.robot
+    if identification.step.parent is None:
+        return ", ".join(dict.fromkeys(title_of(choice.effect) for choice in identification.choices.effects))
+    added = [_words(choice, robot) for choice in identification.step.added]
+    return ", ".join([*added, *(f"without {_words(choice, robot)}" for choice in identification.step.removed)])
 
 
-def _change(one: Identification) -> str:
-    words = _whole_change(one)
+def _change(identification: Identification) -> str:
+    words = _whole_change(identification)
     return words if len(words) <= _LONGEST else f"{words[: _LONGEST - 1]}…"
 
 

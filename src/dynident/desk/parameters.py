@@ -1,4 +1,4 @@
-"""Identified parameters, and errors joint by joint, as tables."""
+"""Tables of identified parameters and of errors joint by joint."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LONGEST = 40
 class Parameters(Sequence[IdentifiedParameter], Framed):
     """Base parameters in the order of the model; by number, by slice, or by name: `model.parameters["Fc2"]`.
 
-    `to_frame` has a row each: name, joint, effect, value, unit, standard_deviation, relative_standard_deviation (a
+    `to_frame` has a row for each: name, joint, effect, value, unit, standard_deviation, relative_standard_deviation (a
     fraction), interval_low and interval_high (95 %), judgement, essential, grouping (its standard parameters).
     """
 
@@ -32,18 +32,18 @@ class Parameters(Sequence[IdentifiedParameter], Framed):
         items = self.items
         return Columns(
             {
-                "name": [one.name for one in items],
-                "joint": [one.link for one in items],
-                "effect": [one.effect for one in items],
-                "value": [one.value for one in items],
-                "unit": [one.unit for one in items],
-                "standard_deviation": [one.standard_deviation for one in items],
-                "relative_standard_deviation": [one.relative_standard_deviation for one in items],
-                "interval_low": [one.interval[0] for one in items],
-                "interval_high": [one.interval[1] for one in items],
-                "judgement": [one.judgement for one in items],
-                "essential": [one.essential for one in items],
-                "grouping": [one.grouping for one in items],
+                "name": [item.name for item in items],
+                "joint": [item.link for item in items],
+                "effect": [item.effect for item in items],
+                "value": [item.value for item in items],
+                "unit": [item.unit for item in items],
+                "standard_deviation": [item.standard_deviation for item in items],
+                "relative_standard_deviation": [item.relative_standard_deviation for item in items],
+                "interval_low": [item.interval[0] for item in items],
+                "interval_high": [item.interval[1] for item in items],
+                "judgement": [item.judgement for item in items],
+                "essential": [item.essential for item in items],
+                "grouping": [item.grouping for item in items],
             }
         )
 
@@ -61,34 +61,44 @@ class Parameters(Sequence[IdentifiedParameter], Framed):
         if isinstance(index, slice):
             return Parameters(self.items[index])
         if isinstance(index, str):
-            found = next((one for one in self.items if one.name == index), None)
-            if found is None:
+            parameter = next((item for item in self.items if item.name == index), None)
+            if parameter is None:
                 raise KeyError(
-                    f"there is no parameter {index!r}; there are: {', '.join(one.name for one in self.items)}"
+                    f"there is no parameter {index!r}; there are: {', '.join(item.name for item in self.items)}"
                 )
-            return found
+            return parameter
         return self.items[index]
 
     def __contains__(self, item: object) -> bool:
-        return any(item == (one.name if isinstance(item, str) else one) for one in self.items)
+        return any(item == (parameter.name if isinstance(item, str) else parameter) for parameter in self.items)
 
     def __repr__(self) -> str:
         title = f"Parameters({len(self.items)}; .to_frame() gives all)"
-        return text_table(title, _COLUMNS, [_row(one) for one in self.items[:_SHOWN]], len(self.items), right_from=2)
+        return text_table(
+            title, _COLUMNS, [_row(parameter) for parameter in self.items[:_SHOWN]], len(self.items), right_from=2
+        )
 
     def _repr_html_(self) -> str:
         columns = (*_COLUMNS, "standard parameters")
-        rows = [(*_row(one), _shortened(one.grouping)) for one in self.items]
+        rows = [(*_row(parameter), _shortened(parameter.grouping)) for parameter in self.items]
         return block(paragraph(f"{len(self.items)} base parameters", strong=True), table(columns, rows, right_from=2))
 
 
 @dataclass(frozen=True)
 class JointError:
-    """How well a model predicts one joint's filtered torque.
+    """The errors of a model on one joint's filtered torque.
 
-    `fit` and `held_out` are relative errors (fractions) on all rows of the data it was identified from, and of those
-    that no parameter saw; `fit_moving` and `held_out_moving` the same where the joint moves; `fit_rms` and
-    `held_out_rms` in `unit`, where it moves. None where there is no such data, or the joint never moves in it.
+    None stands where there is no such data, or the joint never moves in it.
+
+    Attributes
+    ----------
+    joint, unit : str
+    fit, held_out : float
+        Relative errors (fractions) on all rows of the data of the fit, and of held-out data.
+    fit_moving, held_out_moving : float
+        The same on rows where the joint moves.
+    fit_rms, held_out_rms : float
+        Root mean square in `unit`, where the joint moves.
     """
 
     joint: str
@@ -103,16 +113,25 @@ class JointError:
 
 @dataclass(frozen=True, eq=False)
 class ErrorTable(Sequence[JointError], Framed):
-    """The errors of a model, one entry a joint in the robot's order.
+    """The errors of a model, one entry for each joint in the robot's order.
 
-    `to_frame` has a row a joint, with the fields of `JointError`.
+    `to_frame` has a row for each joint, with the fields of `JointError`.
     """
 
     items: tuple[JointError, ...]
 
     @classmethod
     def of(cls, identification: Identification) -> ErrorTable:
-        """The errors of an identified model."""
+        """Return the errors of an identified model.
+
+        Parameters
+        ----------
+        identification : Identification
+
+        Returns
+        -------
+        ErrorTable
+        """
         found = identification
         return cls(
             tuple(
@@ -130,7 +149,7 @@ class ErrorTable(Sequence[JointError], Framed):
 
     def _columns(self) -> Columns:
         names = tuple(JointError.__dataclass_fields__)
-        return Columns({name: [getattr(one, name) for one in self.items] for name in names})
+        return Columns({name: [getattr(joint_error, name) for joint_error in self.items] for name in names})
 
     def __len__(self) -> int:
         return len(self.items)
@@ -146,41 +165,41 @@ class ErrorTable(Sequence[JointError], Framed):
         return ErrorTable(self.items[index]) if isinstance(index, slice) else self.items[index]
 
     def __repr__(self) -> str:
-        rows = [_error_row(one) for one in self.items[:_SHOWN]]
+        rows = [_error_row(joint_error) for joint_error in self.items[:_SHOWN]]
         return text_table(f"ErrorTable({len(self.items)} joints)", _ERROR_COLUMNS, rows, len(self.items))
 
     def _repr_html_(self) -> str:
-        return table(_ERROR_COLUMNS, [_error_row(one) for one in self.items])
+        return table(_ERROR_COLUMNS, [_error_row(joint_error) for joint_error in self.items])
 
 
 _COLUMNS = ("parameter", "joint", "value", "deviation", "95 % interval", "unit", "determined")
 _ERROR_COLUMNS = ("joint", "fit, moving", "rms", "all rows", "held out, moving", "rms", "all rows")
 
 
-def _row(one: IdentifiedParameter) -> tuple[str, ...]:
-    value, deviation = estimate(one.value, one.standard_deviation)
-    interval = " to ".join(estimate(end, one.standard_deviation)[0] for end in one.interval)
-    judged = JUDGED[one.judgement].words if one.essential else "not essential"
-    return one.name, one.link, value, deviation, interval, one.unit, judged
+def _row(parameter: IdentifiedParameter) -> tuple[str, ...]:
+    value, deviation = estimate(parameter.value, parameter.standard_deviation)
+    interval = " to ".join(estimate(end, parameter.standard_deviation)[0] for end in parameter.interval)
+    judgement = JUDGED[parameter.judgement].words if parameter.essential else "not essential"
+    return parameter.name, parameter.link, value, deviation, interval, parameter.unit, judgement
 
 
-def _error_row(one: JointError) -> tuple[str, ...]:
+def _error_row(error: JointError) -> tuple[str, ...]:
     def rms(value: float | None) -> str:
-        return "–" if value is None else f"{number(value)} {one.unit}"
+        return "–" if value is None else f"{number(value)} {error.unit}"
 
     return (
-        one.joint,
-        percent(one.fit_moving),
-        rms(one.fit_rms),
-        percent(one.fit),
-        percent(one.held_out_moving),
-        rms(one.held_out_rms),
-        percent(one.held_out),
+        error.joint,
+        percent(error.fit_moving),
+        rms(error.fit_rms),
+        percent(error.fit),
+        percent(error.held_out_moving),
+        rms(error.held_out_rms),
+        percent(error.held_out),
     )
 
 
 def _moving(errors: Errors | None, joint: int) -> tuple[float | None, float | None]:
-    """Relative error and rms of one joint where it moves."""
+    """Return relative error and rms of one joint where it moves; None for both where it never does."""
     if errors is None or not errors.counts[joint]:
         return None, None
     return float(errors.relative[joint]), float(errors.rms[joint])

@@ -1,4 +1,4 @@
-"""Recordings from files."""
+"""Reading of recordings from files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from dynident.recordings.names import readable_path, unique_names
 from dynident.recordings.stated import RevisionFields
 from dynident.robot import Robot
 
-# How the checks word it for a request over HTTP, and the same as arguments of Python.
+# The checks word their remedies for requests over HTTP. These are the same remedies as arguments of Python.
 _REWORDED = (
     (re.compile(r'say "accept": \[("\w+")\]'), r"say metadata=dy.RecordingMetadata(accept=(\1,))"),
     (re.compile(r'say "skip": \[("\w+")\]'), r"say metadata=dy.RecordingMetadata(skip=(\1,))"),
@@ -45,10 +45,10 @@ def read_recordings(
     cure: bool = False,
     progress: Progress = silent,
 ) -> Recordings:
-    """Read files of recordings, and check what usually goes wrong in them.
+    """Read files of recordings, and check them for common faults.
 
-    Files hold the columns `t`, `q1`, … (or `q_<joint>`, …) and `tau1`, … or `current1`, …; see docs/my-robot.md. What
-    is said here is said of all of them: read files that differ by a call each, and join the results with +.
+    Files hold the columns `t`, `q1`, … (or `q_<joint>`, …) and `tau1`, … or `current1`, …; see docs/my-robot.md. The
+    arguments apply to all files of a call: read files that differ by a call each, and join the results with +.
 
     A checked recording is a Parquet file in SI units on an even grid of time, since it may be larger than memory. That
     file is temporary (`TMPDIR` says where): it is removed when nothing that reads it is left, at the latest when Python
@@ -57,59 +57,62 @@ def read_recordings(
     Parameters
     ----------
     paths : path, or several
-        Each recording is called after its file, without the ending. Files that are one recording are given as a tuple:
+        Each recording gets the name of its file, without the ending. Files that are one recording are given as a tuple:
         ("q.csv", "dq.csv", "tau.csv").
     robot : Robot
-        Whose joints the columns are of; its limits are checked against, and its drive gains turn currents to torques.
+        The columns are of its joints; its limits are checked against, and its drive gains turn currents into torques.
     columns : mapping of our name to the file's
         {"q1": "shoulder_angle", "tau1": "torque_a"}
     units : mapping of a kind of signal, or of one column, to its unit
-        {"q": "deg", "t": "ms"}; SI where nothing is said.
+        {"q": "deg", "t": "ms"}; SI by default.
     windows : pairs (from, to)
-        Seconds of t to use; all of them where there are none.
+        Seconds of t to use; all of them by default.
     drive_gains : mapping of joint name to float, or one float a joint
         G_T of [12.17] in N m (N) per unit of current, for these files instead of the robot's.
     metadata : RecordingMetadata, optional
-        Everything that can be said of a file: its role ("friction" for runs at constant velocity, one joint at a time),
-        a known payload, the rate of rows without a time, checks to accept, signs, factors and order of columns, a delay
-        of the torque. What is said beside it wins, and recordings are called after their files all the same.
+        All options of a file: its role ("friction" for motions at constant velocity, one joint at a time), a known
+        payload, the rate of rows without a time, checks to accept, signs, factors and order of columns, a delay of the
+        torque. The other arguments take precedence over it, and recordings are named after their files in any case.
     cure : bool
         Read what would be refused as its checks propose (their `apply`), and say so among the findings.
+    progress : function, optional
+        Called with the fraction done and a message.
 
     Returns
     -------
     Recordings
-        In the order of the files; its `findings` are what the checks warn of.
+        In the order of the files; its `findings` are the warnings of the checks.
 
     Raises
     ------
     DynidentError
         For a file that is not there, or no file at all.
     RecordingError
-        Where files cannot be used: one error for all of them, with everything that was found in its text and `checks`.
+        Where files cannot be used: one error for all of them, with all findings in its text and `checks`.
     """
     files = [readable_path(path) for path in paths]
     if not files:
         raise DynidentError("give at least one file to read", title="No such file")
     machine = robot if drive_gains is None else with_gains(robot, drive_gains)
-    said = metadata or RecordingMetadata()
+    stated = metadata or RecordingMetadata()
     if columns is not None:
-        said = replace(said, columns=dict(columns))
+        stated = replace(stated, columns=dict(columns))
     if units is not None:
-        said = replace(said, units=dict(units))
+        stated = replace(stated, units=dict(units))
     if windows:
-        said = replace(said, windows=tuple((float(start), float(end)) for start, end in windows))
-    found: list[CheckedRecording] = []
+        stated = replace(stated, windows=tuple((float(start), float(end)) for start, end in windows))
+    recordings: list[CheckedRecording] = []
     failures: list[tuple[Path, RecordingError]] = []
     for index, (path, name) in enumerate(zip(files, unique_names(files), strict=True)):
         share = part(progress, index / len(files), (index + 1) / len(files))
         try:
-            found.append(_read(path, machine, replace(said, name=name), cure=cure, progress=share))
+            recordings.append(_read(path, machine, replace(stated, name=name), cure=cure, progress=share))
+        # All files are read before the error is raised, so that one attempt reports what is wrong with every file.
         except RecordingError as error:
             failures.append((path, error))
     if failures:
         raise _together(failures, len(files)) from failures[0][1]
-    return Recordings(tuple(found))
+    return Recordings(tuple(recordings))
 
 
 def _read(
@@ -121,80 +124,85 @@ def _read(
     edits: tuple[Revision, ...] = (),
     progress: Progress = silent,
 ) -> CheckedRecording:
-    with tempfile.NamedTemporaryFile(dir=_temporary_folder().name, suffix=".parquet", delete=False) as made:
-        destination = Path(made.name)
+    with tempfile.NamedTemporaryFile(dir=_temporary_folder().name, suffix=".parquet", delete=False) as file:
+        destination = Path(file.name)
     try:
         read = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
     except BaseException:
         destination.unlink(missing_ok=True)
         raise
     _remove_when_unused(read.recording, destination)
-    found = tuple(replace(one, detail=_reworded(one.detail)) for one in read.checks)
-    return CheckedRecording(read.recording, found, robot, Source(path, read.metadata, (*edits, *read.revisions)))
+    checks = tuple(replace(check, detail=_reworded(check.detail)) for check in read.checks)
+    return CheckedRecording(read.recording, checks, robot, Source(path, read.metadata, (*edits, *read.revisions)))
 
 
 def revise(
     recording: CheckedRecording, change: Revision | None = None, **fields: Unpack[RevisionFields]
 ) -> CheckedRecording:
-    """Say something else of a recording's file, and read and check it again; the recording that was given stays.
+    """Change the metadata of a recording's file, and read and check it again; the given recording stays as it is.
 
     Parameters
     ----------
     recording : CheckedRecording
         As `read_recordings` gives it.
     change : Revision, optional
-        What a check has under `apply`; or say it by fields.
+        The `apply` of a check; or state the changes as fields.
     fields
         windows, exclude, columns, units, permutation, signs, scale, torque_delay, role, name, as `Revision` has them.
+
+    Returns
+    -------
+    CheckedRecording
 
     Raises
     ------
     DynidentError
         For a recording that was not read from a file.
     RecordingError
-        Where the file cannot be used with that.
+        Where the file cannot be used with these changes.
     """
     if recording.source is None or recording.robot is None:
         raise DynidentError(f"{recording.name} was not read from a file by read_recordings", title="Nothing to revise")
     try:
-        wanted = Revision(**fields) if change is None else replace(change, **fields)
+        revision = Revision(**fields) if change is None else replace(change, **fields)
     except TypeError as error:
-        known = ", ".join(Revision.__dataclass_fields__)
-        raise DynidentError(f"{error}; a revision has: {known}", title="Nothing to revise") from error
+        field_names = ", ".join(Revision.__dataclass_fields__)
+        raise DynidentError(f"{error}; a revision has: {field_names}", title="Nothing to revise") from error
     source = recording.source
-    edits = (*source.edits, wanted)
-    said = wanted.of(source.metadata)
-    if wanted.name is None:
-        said = replace(said, name=f"{source.metadata.name} r{len(edits)}")
-    return _read(source.path, recording.robot, said, edits=edits)
+    edits = (*source.edits, revision)
+    revised = revision.of(source.metadata)
+    if revision.name is None:
+        revised = replace(revised, name=f"{source.metadata.name} r{len(edits)}")
+    return _read(source.path, recording.robot, revised, edits=edits)
 
 
 @cache
 def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
-    """One for the process, gone when it ends."""
+    """Return this process's folder for checked recordings, which is removed when the process ends."""
     return tempfile.TemporaryDirectory(prefix="dynident-", ignore_cleanup_errors=True)
 
 
 def _remove_when_unused(recording: Recording, path: Path) -> None:
-    # Copies of a recording (other windows, another name) share the source that reads the file.
+    # Copies of a recording (other windows, another name) share its source, so the source decides how long the file
+    # is needed.
     weakref.finalize(recording.source, path.unlink, missing_ok=True)
 
 
 def _together(failures: Sequence[tuple[Path, RecordingError]], n_files: int) -> RecordingError:
-    """One error of all that cannot be used, with every blocking finding in it."""
+    """Join the errors of all files that cannot be used to one, with every blocking finding in it."""
     texts, checks = [], list[Check]()
     for path, error in failures:
         own = [check for check in error.checks if check.status == "error" and check.detail not in error.detail]
-        more = [f"\n    also {check.name.replace('_', ' ')}: {_reworded(check.detail)}" for check in own]
-        texts.append(f"{path.name}: {_reworded(error.detail)}{''.join(more)}")
+        further = [f"\n    also {check.name.replace('_', ' ')}: {_reworded(check.detail)}" for check in own]
+        texts.append(f"{path.name}: {_reworded(error.detail)}{''.join(further)}")
         checks += error.checks
     _, first = failures[0]
     if len(failures) == 1:
         return RecordingError(
             texts[0], pointer=first.pointer, title=first.title, row=first.row, time=first.time, checks=tuple(checks)
         )
-    told = "\n  ".join([f"{len(failures)} of {n_files} files cannot be used:", *texts])
-    return RecordingError(told, pointer=first.pointer, title=first.title, checks=tuple(checks))
+    text = "\n  ".join([f"{len(failures)} of {n_files} files cannot be used:", *texts])
+    return RecordingError(text, pointer=first.pointer, title=first.title, checks=tuple(checks))
 
 
 def _reworded(detail: str) -> str:

@@ -1,4 +1,4 @@
-"""Checked recordings, with all that was found in them, as one collection."""
+"""Collections of checked recordings and their findings."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LONGEST = 160
 
 @dataclass(frozen=True)
 class Source:
-    """The file that a recording was read from, what was said of it, and what was said anew since, in order."""
+    """The file of a recording and its metadata: as stated at first, and as changed since, in order."""
 
     path: Path
     metadata: RecordingMetadata
@@ -36,17 +36,27 @@ class Source:
 
     @property
     def sha256(self) -> str:
-        """The file's, "" where it is not there any more."""
+        """The hash of the file, "" where it no longer exists."""
         return digest_of(self.path) if all(part.is_file() for part in parts_of(self.path)) else ""
 
 
 @dataclass(frozen=True, eq=False)
 class CheckedRecording(Framed):
-    """One recording that may be identified from, its checks, and the robot: `recording` as the library knows it.
+    """One recording that can be used for identification, with its checks.
 
-    `to_frame` has a row a stored sample, in order of time within each run, none of it filtered: t (s), segment (the
-    run's label), q_<joint> (rad, m where it slides), tau_<joint> (N m, N); where the file has them dq_<joint> (rad/s,
-    m/s), ddq_<joint> (rad/s^2, m/s^2), q_command_<joint>, temperature_<joint> (degC) and base_fx to base_mz (N, N m).
+    `to_frame` has a row for each stored sample, in order of time within each segment, none of it filtered: t (s),
+    segment (its label), q_<joint> (rad, m where it slides), tau_<joint> (N m, N); where the file has them dq_<joint>
+    (rad/s, m/s), ddq_<joint> (rad/s^2, m/s^2), q_command_<joint>, temperature_<joint> (degC) and base_fx to base_mz (N,
+    N m).
+
+    Attributes
+    ----------
+    recording : Recording
+        The recording as the library has it.
+    checks : tuple of Check
+    robot : Robot, optional
+    source : Source, optional
+        The file that it was read from.
     """
 
     recording: Recording
@@ -56,16 +66,20 @@ class CheckedRecording(Framed):
 
     @property
     def name(self) -> str:
-        """What the recording is called: the file's name without its ending."""
+        """The name of the recording: that of its file without the ending."""
         return self.recording.name
 
     @property
     def findings(self) -> tuple[Check, ...]:
-        """What the checks did not find in order."""
+        """The checks that found something."""
         return tuple(check for check in self.checks if check.status != "ok")
 
     def save(self, folder: str | Path) -> None:
-        """Keep the checked recording in a folder, as `Recordings.save` does.
+        """Save the checked recording in a folder, as `Recordings.save` does.
+
+        Parameters
+        ----------
+        folder : path
 
         Raises
         ------
@@ -86,11 +100,11 @@ class CheckedRecording(Framed):
         return figure_of([recording_figure(self.recording, slides)], f"recording {self.name}")
 
     def _samples(self) -> StoredSamples:
-        return stored_samples(self.recording, () if self.robot is None else [one.kind for one in self.robot.joints])
+        return stored_samples(self.recording, () if self.robot is None else [joint.kind for joint in self.robot.joints])
 
     def __repr__(self) -> str:
-        found = len(self.findings)
-        words = f", {found} finding{'s' if found > 1 else ''} (.findings)" if found else ""
+        n_findings = len(self.findings)
+        words = f", {n_findings} finding{'s' if n_findings > 1 else ''} (.findings)" if n_findings else ""
         return f"CheckedRecording({_line(self.recording)}{words})"
 
     def _repr_html_(self) -> str:
@@ -102,14 +116,14 @@ class Recordings(Sequence[CheckedRecording], Framed):
     """Recordings in the order of their files: `runs[0]`, `runs[:1]`, or by name, `runs["run2"]`.
 
     `to_frame` has one below the other: recording (its name), then the columns of `CheckedRecording`; NaN where a
-    recording lacks one.
+    recording lacks a column.
     """
 
     items: tuple[CheckedRecording, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the recordings are called."""
+        """The names of the recordings."""
         return tuple(item.name for item in self.items)
 
     @property
@@ -119,13 +133,18 @@ class Recordings(Sequence[CheckedRecording], Framed):
 
     @property
     def findings(self) -> dict[str, tuple[Check, ...]]:
-        """What the checks did not find in order, by recording; only those that have any."""
+        """The checks that found something, by recording; only recordings that have any."""
         return {item.name: item.findings for item in self.items if item.findings}
 
     def save(self, folder: str | Path) -> None:
-        """Keep the checked recordings in a folder, each as `<name>.checked.parquet`.
+        """Save the checked recordings in a folder, each as `<name>.checked.parquet`.
 
-        `dynident.recordings.open_recording` opens them on another day.
+        `dynident.recordings.open_recording` opens them again.
+
+        Parameters
+        ----------
+        folder : path
+            It is made where it does not exist.
 
         Raises
         ------
@@ -140,21 +159,27 @@ class Recordings(Sequence[CheckedRecording], Framed):
         for item in self.items:
             if item.recording.path is None:
                 raise DynidentError(f"{item.name} is held in memory; what read_recordings gives can be saved")
-            kept = folder / f"{item.name}.checked.parquet"
-            # A copy that breaks off leaves what was there.
-            unfinished = kept.with_suffix(".unfinished")
+            destination = folder / f"{item.name}.checked.parquet"
+            # Copied beside its destination first: a copy that breaks off does not destroy an older file.
+            unfinished = destination.with_suffix(".unfinished")
             shutil.copyfile(item.recording.path, unfinished)
-            unfinished.replace(kept)
+            unfinished.replace(destination)
 
     def _columns(self) -> Columns:
-        found = [item._samples() for item in self.items]
-        counts = [len(one.columns["t"]) for one in found]
-        names = dict.fromkeys(name for one in found for name in one.columns)
+        samples = [item._samples() for item in self.items]
+        counts = [len(recording_samples.columns["t"]) for recording_samples in samples]
+        names = dict.fromkeys(name for recording_samples in samples for name in recording_samples.columns)
         columns: dict[str, NDArray[np.generic]] = {"recording": np.repeat(self.names, counts)}
+        # A column that only some recordings have is NaN in the others.
         for name in names:
-            parts = [one.columns.get(name, np.full(m, np.nan)) for one, m in zip(found, counts, strict=True)]
+            parts = [
+                recording_samples.columns.get(name, np.full(m, np.nan))
+                for recording_samples, m in zip(samples, counts, strict=True)
+            ]
             columns[name] = np.concatenate(parts)
-        return Columns(columns, {name: unit for one in found for name, unit in one.units.items()})
+        return Columns(
+            columns, {name: unit for recording_samples in samples for name, unit in recording_samples.units.items()}
+        )
 
     def plot(self) -> Figure:
         """Draw position and torque of every joint over time, one recording below the other."""
@@ -177,10 +202,10 @@ class Recordings(Sequence[CheckedRecording], Framed):
         if isinstance(index, slice):
             return Recordings(self.items[index])
         if isinstance(index, str):
-            found = next((item for item in self.items if item.name == index), None)
-            if found is None:
+            recording = next((item for item in self.items if item.name == index), None)
+            if recording is None:
                 raise KeyError(f"there is no recording {index!r}; there are: {', '.join(self.names)}")
-            return found
+            return recording
         return self.items[index]
 
     def __contains__(self, item: object) -> bool:
@@ -192,9 +217,9 @@ class Recordings(Sequence[CheckedRecording], Framed):
     def __repr__(self) -> str:
         lines = [f"  {_line(item.recording)}" for item in self.items[:_SHOWN]]
         lines += [f"  … and {len(self.items) - _SHOWN} more"] if len(self.items) > _SHOWN else []
-        told = list(_told(self.items))
-        lines += [text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…" for text in told[:_SHOWN]]
-        lines += [f"  … and {len(told) - _SHOWN} more findings (.findings)"] if len(told) > _SHOWN else []
+        findings = list(_told(self.items))
+        lines += [text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…" for text in findings[:_SHOWN]]
+        lines += [f"  … and {len(findings) - _SHOWN} more findings (.findings)"] if len(findings) > _SHOWN else []
         return "\n".join([f"Recordings({len(self.items)})", *lines])
 
     def _repr_html_(self) -> str:
@@ -222,17 +247,26 @@ SomeRecordings = Recordings | CheckedRecording | Recording | Iterable[CheckedRec
 """What functions take for recordings: several or one, as `read_recordings` or the library gives them."""
 
 
-def as_recordings(given: SomeRecordings) -> Recordings:
-    """All that was given as one collection.
+def as_recordings(recordings: SomeRecordings) -> Recordings:
+    """Return recordings of any accepted form as one collection.
+
+    Parameters
+    ----------
+    recordings : Recordings, CheckedRecording, Recording, or several of the latter two
+
+    Returns
+    -------
+    Recordings
 
     Raises
     ------
     DynidentError
         For a file's name, or anything else that is no recording.
     """
-    if isinstance(given, Recordings):
-        return given
-    items = [given] if isinstance(given, (CheckedRecording, Recording, str)) else list(given)
+    if isinstance(recordings, Recordings):
+        return recordings
+    # A text counts as one item, so that a file's name is refused as a whole and not letter by letter.
+    items = [recordings] if isinstance(recordings, (CheckedRecording, Recording, str)) else list(recordings)
     return Recordings(tuple(_checked(item) for item in items))
 
 

@@ -1,4 +1,4 @@
-"""One file about a model, HTML or PDF."""
+"""The report on a model as one file, HTML or PDF."""
 
 from __future__ import annotations
 
@@ -22,18 +22,22 @@ _ENDINGS = (".html", ".htm", ".pdf")
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """A page that needs nothing beside it; a notebook shows it in a frame."""
+    """A page that needs no other files; a notebook shows it in a frame."""
 
     title: str
     html: str
 
     def save(self, path: str | Path) -> None:
-        """Write the page, or where the file's ending is .pdf, print it on A4.
+        """Write the report as an HTML page, or where the file's ending is .pdf, as PDF on A4.
+
+        Parameters
+        ----------
+        path : path
 
         Raises
         ------
         DynidentError
-            For another ending than .html or .pdf, or a folder that is not there.
+            For another ending than .html or .pdf, or a folder that does not exist.
         """
         path = Path(path)
         if path.suffix not in _ENDINGS:
@@ -65,7 +69,7 @@ def report(
     title: str = "",
     progress: Progress = silent,
 ) -> Report:
-    """Tell everything about a model on one page: errors, figures, parameters, data.
+    """Report everything about a model on one page: errors, figures, parameters, data.
 
     Parameters
     ----------
@@ -77,7 +81,13 @@ def report(
     design : designed motion, optional
         The experiment that the data come from.
     title : str
-        The heading; the robot's name where nothing is said.
+        The heading; the robot's name by default.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Report
 
     Raises
     ------
@@ -87,20 +97,23 @@ def report(
     from dynident.reports import html_report
 
     model.check_data("report on the model")
-    everything = [*((item, False) for item in model.recordings), *((item, True) for item in model.validation)]
+    all_recordings = [*((item, False) for item in model.recordings), *((item, True) for item in model.validation)]
     runs = []
-    for index, (item, held_out) in enumerate(everything):
-        share = part(progress, 0.8 * index / len(everything), 0.8 * (index + 1) / len(everything))
+    for index, (item, held_out) in enumerate(all_recordings):
+        share = part(progress, 0.8 * index / len(all_recordings), 0.8 * (index + 1) / len(all_recordings))
         comparison = compare(model.identification, item.recording, share)
-        said = () if item.source is None else (item.source.edits, item.source.sha256, item.source.metadata)
-        runs.append(ReportedRun(item.recording, comparison, held_out, item.checks, *said))
+        origin = () if item.source is None else (item.source.edits, item.source.sha256, item.source.metadata)
+        runs.append(ReportedRun(item.recording, comparison, held_out, item.checks, *origin))
     heading = title or f"Identification of {model.robot.name}"
     page = html_report(
         model.identification,
         runs,
         diagnosis=None if diagnosis is None else diagnosis.diagnosis,
         design=None if design is None else design.design,
-        validations=[ReportedValidation(one.title, one.judged, kind=one.kind) for one in validations or ()],
+        validations=[
+            ReportedValidation(validation.title, validation.judged, kind=validation.kind)
+            for validation in validations or ()
+        ],
         title=heading,
     )
     progress(1.0, "written")

@@ -1,4 +1,4 @@
-"""Robots from whatever describes them."""
+"""Reading of robots from files of any supported format, or from the library of well-known arms."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ def load_robot(
         `dynident.robot.dh_text`); a JSON file with a modified one (see `dynident.robot.modified_dh`) or with a robot as
         `POST /v1/robots` takes it (see docs/my-robot.md); or the name of a well-known arm, such as "ur10".
     name : str
-        What to call it; otherwise what the file calls it, or the file itself is called.
+        Its name; by default the one in the file, or the file's own.
     limits : mapping of joint name to Limits
-        They win over the file's, field by field.
+        They take precedence over the file's, field by field.
     drives : mapping of joint name to Drive
-        Drive chains [12.17]; they win over the file's.
+        Drive chains [12.17]; they take precedence over the file's.
     drive_gains : mapping of joint name to float, or one float a joint
         G_T of [12.17] in N m (N) per unit of current, for recordings that hold currents; instead of `drives`.
     locked_joints : mapping of joint name to position
@@ -56,6 +56,10 @@ def load_robot(
         is clamped (at 0).
     gravity : (x, y, z), optional
         In the base frame, m/s².
+
+    Returns
+    -------
+    Robot
 
     Raises
     ------
@@ -73,12 +77,22 @@ def load_robot(
 
 
 def with_gains(robot: Robot, gains: DriveGains) -> Robot:
-    """The robot with these drive gains; what motors are coupled to stays.
+    """Return a robot with other drive gains; the couplings of its motors stay.
+
+    Parameters
+    ----------
+    robot : Robot
+    gains : mapping of joint name to float, or one float a joint
+        In N m (N) per unit of current.
+
+    Returns
+    -------
+    Robot
 
     Raises
     ------
     DynidentError
-        For a joint that there is not, or another number of gains than of joints.
+        For a joint that the robot does not have, or another number of gains than of joints.
     """
     if not isinstance(gains, Mapping):
         if len(gains) != robot.n:
@@ -106,13 +120,16 @@ def _read(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
     content = _text_of(path)
     place_of_content = _CONTENT
     try:
+        # The content decides on the format: the endings of such files are used for several formats.
         if content.lstrip().startswith("<"):
             root = root_element(content)
             is_mjcf = root is not None and root.tag == "mujoco"
-            called = name or ("" if root is None else root.attributes.get("model" if is_mjcf else "name")) or path.stem
+            robot_name = (
+                name or ("" if root is None else root.attributes.get("model" if is_mjcf else "name")) or path.stem
+            )
             if is_mjcf:
-                return robot_from_description(called, Description("mjcf", content), **stated)
-            return robot_from_description(called, Description("urdf", expanded(path, content)), **stated)
+                return robot_from_description(robot_name, Description("mjcf", content), **stated)
+            return robot_from_description(robot_name, Description("urdf", expanded(path, content)), **stated)
         if not content.lstrip().startswith(("{", "[")):
             return _from_table(name or path.stem, content, stated)
         document = _parsed(content)
@@ -121,7 +138,7 @@ def _read(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
         place_of_content = ""
         return _from_document(document, name or str(document.get("name") or path.stem), stated)
     except DynidentError as error:
-        # A description that is the file itself stands nowhere else in it.
+        # Where the file is the description itself, the pointer's first part would name a place that is not in it.
         place = error.pointer.removeprefix(place_of_content)
         error.detail = f"{path.name}: {f'{place}: ' if place else ''}{error.detail}"
         error.pointer, error.args = place, (error.detail,)
@@ -162,12 +179,12 @@ def _text_of(path: Path) -> str:
 
 
 def _from_document(document: Mapping[str, Any], name: str, stated: dict[str, Any]) -> Robot:
-    """A robot as the service takes it; what is stated beside the file wins."""
+    """Return a robot from the body of a request; the stated arguments take precedence."""
     expect_mapping(document, _FIELDS, "", _TITLE)
     limits = {joint: _limits(value, f"/limits/{joint}") for joint, value in _object(document, "limits").items()}
-    for joint, wanted in stated["limits"].items():
-        given = {key: value for key, value in asdict(wanted).items() if value is not None}
-        limits[joint] = replace(limits.get(joint, Limits()), **given)
+    for joint, stated_limits in stated["limits"].items():
+        stated_values = {key: value for key, value in asdict(stated_limits).items() if value is not None}
+        limits[joint] = replace(limits.get(joint, Limits()), **stated_values)
     drives = {joint: _drive(value, f"/drives/{joint}") for joint, value in _object(document, "drives").items()}
     locked = {
         joint: expect_number(value, f"/locked_joints/{joint}", _TITLE)
@@ -202,23 +219,23 @@ def _description(value: object) -> Description:
     return Description(cast(DescriptionFormat, form), expect_text(content, "/description/content", _TITLE))
 
 
-def _limits(value: object, at: str) -> Limits:
+def _limits(value: object, pointer: str) -> Limits:
     names = tuple(asdict(Limits()))
-    fields = {k: v for k, v in expect_mapping(value, names, at, _TITLE).items() if v is not None}
+    fields = {k: v for k, v in expect_mapping(value, names, pointer, _TITLE).items() if v is not None}
     position = fields.pop("position", None)
-    numbers: dict[str, Any] = {key: expect_number(item, f"{at}/{key}", _TITLE) for key, item in fields.items()}
-    found = replace(Limits(), **numbers)
+    numbers: dict[str, Any] = {key: expect_number(item, f"{pointer}/{key}", _TITLE) for key, item in fields.items()}
+    limits = replace(Limits(), **numbers)
     if position is None:
-        return found
-    low, high = expect_numbers(position, 2, f"{at}/position", _TITLE)
-    return replace(found, position=(low, high))
+        return limits
+    low, high = expect_numbers(position, 2, f"{pointer}/position", _TITLE)
+    return replace(limits, position=(low, high))
 
 
-def _drive(value: object, at: str) -> Drive:
-    fields = {k: v for k, v in expect_mapping(value, _DRIVE, at, _TITLE).items() if v is not None}
+def _drive(value: object, pointer: str) -> Drive:
+    fields = {k: v for k, v in expect_mapping(value, _DRIVE, pointer, _TITLE).items() if v is not None}
     coupling = fields.pop("coupling", {})
     if not isinstance(coupling, Mapping):
-        raise DynidentError("Expected an object of joints and numbers.", pointer=f"{at}/coupling", title=_TITLE)
-    shares = {joint: expect_number(item, f"{at}/coupling/{joint}", _TITLE) for joint, item in coupling.items()}
-    numbers = {key: expect_number(item, f"{at}/{key}", _TITLE) for key, item in fields.items()}
+        raise DynidentError("Expected an object of joints and numbers.", pointer=f"{pointer}/coupling", title=_TITLE)
+    shares = {joint: expect_number(item, f"{pointer}/coupling/{joint}", _TITLE) for joint, item in coupling.items()}
+    numbers = {key: expect_number(item, f"{pointer}/{key}", _TITLE) for key, item in fields.items()}
     return Drive(**numbers, coupling=shares)

@@ -1,4 +1,4 @@
-"""Tables of plain text, for what Python prints of a result."""
+"""Tables as plain text, for the representation of results in consoles."""
 
 from __future__ import annotations
 
@@ -8,18 +8,35 @@ from collections.abc import Sequence
 def text_table(
     title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], count: int, *, right_from: int = 1
 ) -> str:
-    """A title and rows under their heads; `count` is how many rows there are in all, where not all are given."""
-    everything = [columns, *rows]
-    widths = [max(len(row[k]) for row in everything) for k in range(len(columns))]
+    """Return a title and a table as plain text.
+
+    Parameters
+    ----------
+    title : str
+    columns : sequence of str
+        The heads.
+    rows : sequence of sequences of str
+        Each as long as `columns`.
+    count : int
+        Number of rows in all, where not all are given.
+    right_from : int
+        Columns from this index on are aligned to the right.
+
+    Returns
+    -------
+    str
+    """
+    all_rows = [columns, *rows]
+    widths = [max(len(row[k]) for row in all_rows) for k in range(len(columns))]
     lines = [
         "  "
         + "  ".join(
             _padded(text, width, k >= right_from) for k, (text, width) in enumerate(zip(row, widths, strict=True))
         )
-        for row in everything
+        for row in all_rows
     ]
-    more = [f"  … and {count - len(rows)} more"] if count > len(rows) else []
-    return "\n".join([title, *(line.rstrip() for line in lines), *more])
+    rest = [f"  … and {count - len(rows)} more"] if count > len(rows) else []
+    return "\n".join([title, *(line.rstrip() for line in lines), *rest])
 
 
 def _padded(text: str, width: int, right: bool) -> str:

@@ -1,4 +1,4 @@
-"""Whether a model is to be trusted."""
+"""Validation of models."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ _WORDS = {"pass": "✓ pass", "fail": "✕ fail", "not_evaluated": "– not eval
 
 @dataclass(frozen=True)
 class Validation(Outcome):
-    """One test of a model: its `kind`, how it ended and why, in `judged`, and what was tried in words."""
+    """One test of a model: its `kind`, its result in `judged`, and its `title` in words."""
 
     title: str
 
     @property
     def verdict(self) -> Verdict:
-        """pass, fail or not_evaluated."""
+        """The result: pass, fail or not_evaluated."""
         return self.judged.verdict
 
 
 @dataclass(frozen=True, eq=False)
 class Validations(Sequence[Validation]):
-    """Several tests of one model; `verdict` of all together: one that fails makes all fail."""
+    """Several tests of one model."""
 
     items: tuple[Validation, ...]
 
     @property
     def verdict(self) -> Verdict:
-        """pass, fail or not_evaluated."""
-        return together([(one.title, one.judged) for one in self.items]).verdict
+        """The result of all tests: fail if one of them fails."""
+        return together([(validation.title, validation.judged) for validation in self.items]).verdict
 
     def __len__(self) -> int:
         return len(self.items)
@@ -73,7 +73,7 @@ class Validations(Sequence[Validation]):
         )
 
     def _rows(self) -> list[tuple[str, ...]]:
-        return [(one.title, _WORDS[one.verdict], one.judged.reason) for one in self.items]
+        return [(validation.title, _WORDS[validation.verdict], validation.judged.reason) for validation in self.items]
 
 
 def validate(
@@ -84,35 +84,43 @@ def validate(
     seed: int = 0,
     progress: Progress = silent,
 ) -> Validations:
-    """Try a model on its own recordings, on others, and its inertia matrix over the whole joint range (§12.7).
+    """Test a model on its own recordings, on others, and its inertia matrix over the whole joint range (§12.7).
 
-    `dynident.validation` has more: a known load, a simulator against a recording, all methods in one table.
+    `dynident.validation` has more tests: a known load, a simulator against a recording, all methods in one table.
 
     Parameters
     ----------
     model : Model
     validation : recordings, optional
-        What no parameter saw; the model's own validation recordings where nothing is said.
+        Recordings to which no parameter was fitted; by default the model's own validation recordings.
     limit : float
         Largest relative torque error over all joints that passes.
     seed : int
-        Of the postures among which the worst one is sought.
+        Of the random postures among which the worst one is searched for.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Validations
 
     Raises
     ------
     DynidentError
         For a limit that is not above zero, or another robot's recordings.
     """
-    known = as_model(model)
-    tried = known.validation if validation is None else as_recordings(validation)
-    found = known.identification
-    none = Judged("not_evaluated", "There are no such recordings.")
-    direct = cross = none
-    if known.recordings:
-        direct = validate_direct(found, known.recordings.recordings, limit, part(progress, 0.0, 0.3)).judged
-    if tried:
-        cross = validate_cross(found, tried.recordings, limit, part(progress, 0.3, 0.6)).judged
-    inertia = validate_inertia_matrix(found, seed=seed, progress=part(progress, 0.6, 1.0)).judged
+    desk_model = as_model(model)
+    held_out = desk_model.validation if validation is None else as_recordings(validation)
+    identification = desk_model.identification
+    no_data = Judged("not_evaluated", "There are no such recordings.")
+    direct = cross = no_data
+    if desk_model.recordings:
+        direct = validate_direct(
+            identification, desk_model.recordings.recordings, limit, part(progress, 0.0, 0.3)
+        ).judged
+    if held_out:
+        cross = validate_cross(identification, held_out.recordings, limit, part(progress, 0.3, 0.6)).judged
+    inertia = validate_inertia_matrix(identification, seed=seed, progress=part(progress, 0.6, 1.0)).judged
     return Validations(
         (
             Validation("direct", direct, "direct: on the identification's own data"),

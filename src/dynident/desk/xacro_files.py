@@ -1,4 +1,4 @@
-"""Xacro files as the URDF that they expand to."""
+"""Expansion of xacro files to URDF."""
 
 from __future__ import annotations
 
@@ -21,10 +21,20 @@ _ROS_INDEX = "ament_index_python"
 
 
 def expanded(path: Path, content: str) -> str:
-    """The URDF of a file: the content itself where it is no xacro.
+    """Return the URDF of a file: its content, expanded where it is xacro.
 
-    Files that it includes are read from beside it, those of packages from the folders above it or where the ROS
-    environment says. It is for files of one's own: xacro evaluates what they say.
+    Included files are read from the folder of the file, those of packages from the folders above it or where the ROS
+    environment says. Only for trusted files: xacro evaluates the expressions in them.
+
+    Parameters
+    ----------
+    path : Path
+    content : str
+        Of the file.
+
+    Returns
+    -------
+    str
 
     Raises
     ------
@@ -45,8 +55,9 @@ def expanded(path: Path, content: str) -> str:
     try:
         with _packages_found_near(path):
             return str(xacro.process_file(str(path)).toprettyxml(indent="  "))
-    except Exception as error:  # its own kinds of error are many, and all are about the file
+    except Exception as error:  # xacro raises many kinds of errors, all about the file
         cause: Any = error
+        # xacro wraps what our own search raises, perhaps several times. Its message would hide ours.
         while getattr(cause, "exc", None) is not None and not isinstance(cause, _PackageNotFound):
             cause = cause.exc
         reason = str(cause if isinstance(cause, _PackageNotFound) else error).strip() or type(error).__name__
@@ -54,16 +65,16 @@ def expanded(path: Path, content: str) -> str:
 
 
 class _PackageNotFound(Exception):
-    """No folder of a package that a file names with $(find …)."""
+    """Raised for a package whose folder is not found, though a file names it with $(find …)."""
 
 
 @contextmanager
 def _packages_found_near(path: Path) -> Iterator[None]:
-    """Let xacro's $(find package) find what lies near a file, where ROS itself is not installed or does not know it.
+    """Let xacro's $(find package) search near a file, where ROS is not installed or does not know the package.
 
-    xacro asks the ROS package `ament_index_python`, which is on no package index; this stands in for it.
+    xacro asks the ROS package `ament_index_python`, which is on no package index; a stand-in replaces it meanwhile.
     """
-    known = {name: sys.modules.get(name) for name in (_ROS_INDEX, f"{_ROS_INDEX}.packages")}
+    replaced = {name: sys.modules.get(name) for name in (_ROS_INDEX, f"{_ROS_INDEX}.packages")}
     ask_ros = _ros_index()
 
     def get_package_share_directory(name: str) -> str:
@@ -85,7 +96,7 @@ def _packages_found_near(path: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        for name, module in known.items():
+        for name, module in replaced.items():
             if module is None:
                 del sys.modules[name]
             else:

@@ -1,4 +1,4 @@
-"""Compare, find where the model fails, rank what is missing, say what is left open."""
+"""Compare a model with recordings, find where it fails, rank the missing effects, and list what stays open."""
 
 from __future__ import annotations
 
@@ -60,5 +60,5 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    # Requests are declared in this package, too: reading one must not wait for the imports of the computation.
     __getattr__ = lazily(__name__)

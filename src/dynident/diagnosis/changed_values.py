@@ -1,4 +1,4 @@
-"""How large a change is: its parameters' values with their intervals, from any model that has it as columns."""
+"""Estimate how large a change is: the values of its parameters, with intervals."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MASS, _MOMENTS = "Mp", ("MXp", "MYp", "MZp")
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """Estimated columns: values (c,) and how sure they are."""
+    """Estimated columns of a model: values (c,) and their statistics."""
 
     robot: Robot
     columns: tuple[Column, ...]
@@ -33,33 +33,42 @@ class Estimates:
 
     @classmethod
     def of(cls, identification: Identification) -> Estimates:
-        """Those of an identified model."""
+        """Take the estimates of an identified model."""
         model = identification.model
         return cls(model.robot, model.kept, identification.values, identification.statistics)
 
     def interval(self, k: int) -> tuple[float, float]:
-        """Where the true value of a parameter lies with a probability of 95 %."""
+        """Return the 95 % interval of a parameter."""
         half = float(self.statistics.half_widths()[k])
         return float(self.values[k]) - half, float(self.values[k]) + half
 
 
-def changes_at(estimates: Estimates, pick: Finding, one: RankedEffect) -> Iterator[Change]:
-    """A finding, joint by joint, where the difference is large enough to be called one."""
-    for joint in one.choice.joints or ("",):
-        values = _values(estimates, one.choice, joint)
-        if not values or not _noticed(values[0]) or _may_be_none(estimates, one.choice, joint, values[0]):
+def changes_at(estimates: Estimates, pick: Finding, ranked: RankedEffect) -> Iterator[Change]:
+    """Yield a finding as changes, joint by joint, where the difference is large enough to be called one.
+
+    Parameters
+    ----------
+    estimates : Estimates
+        Of a model with the columns of the change.
+    pick : Finding
+    ranked : RankedEffect
+        The same finding in the ranking.
+    """
+    for joint in ranked.choice.joints or ("",):
+        values = _values(estimates, ranked.choice, joint)
+        if not values or not _noticed(values[0]) or _may_be_none(estimates, ranked.choice, joint, values[0]):
             continue
-        others = [item.candidate.choice for item in pick.equal]
-        names = [name for other in others for name in _told(other, one.choice, joint)]
-        choice = replace(one.choice, joints=(joint,) if joint else ())
+        others = [scored.candidate.choice for scored in pick.equal]
+        names = [name for other in others for name in _told(other, ranked.choice, joint)]
+        choice = replace(ranked.choice, joints=(joint,) if joint else ())
         for effect in effect_by_id(choice.effect).changes_with:
             values += _values(estimates, replace(choice, effect=effect, shape=()), joint)
         yield Change(
             choice=choice,
             main=values[0],
             more=tuple(values[1:]),
-            p_value=one.p_value,
-            evidence=f"{_said(choice, values[0])} {one.evidence}{_in_units_of(estimates.robot, choice)}"
+            p_value=ranked.p_value,
+            evidence=f"{_said(choice, values[0])} {ranked.evidence}{_in_units_of(estimates.robot, choice)}"
             f"{_as_warm_as(estimates, choice, joint)}",
             equivalent=tuple(dict.fromkeys(names)),
         )
@@ -70,10 +79,10 @@ def _noticed(value: ChangedValue) -> bool:
 
 
 def _may_be_none(estimates: Estimates, choice: EffectChoice, joint: str, main: ChangedValue) -> bool:
-    """Whether the data do not tell the difference from none: what was found is then something without a name.
+    """Return whether the data do not tell the difference from zero: then it is something without a name.
 
-    Several parameters of one cause are told from zero together: where the motion is short each alone may make up for
-    the others.
+    Several parameters of one cause are tested together: where the motion is short each alone may make up for the
+    others.
     """
     low, high = main.interval
     if not low <= 0.0 <= high:
@@ -88,21 +97,25 @@ def _may_be_none(estimates: Estimates, choice: EffectChoice, joint: str, main: C
 
 
 def _told_from_zero(estimates: Estimates, own: Sequence[int]) -> bool:
-    """Wald's test of several parameters at once, with the least freedom of any of them."""
+    """Test several parameters at once against zero (Wald), with the smallest degrees of freedom of any of them."""
     index = np.array(own, dtype=np.intp)
     covariance = estimates.statistics.covariance[np.ix_(index, index)]
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     z = estimates.values[index] / scale
+    # The pseudo-inverse leaves out directions that the data do not determine, in units in which all parameters are
+    # alike.
     form = float(z @ np.linalg.pinv(covariance / np.outer(scale, scale), rcond=1e-9, hermitian=True) @ z)
     freedom = float(estimates.statistics.freedom[index].min())
-    left = freedom - len(own) + 1.0  # Hotelling: a covariance of so little freedom knows less of several at once
-    if left <= 0.0:
+    # Hotelling's T²: with an estimated covariance of few degrees of freedom, a joint test of several parameters has
+    # fewer of them than a test of one.
+    hotelling_freedom = freedom - len(own) + 1.0
+    if hotelling_freedom <= 0.0:
         return False
-    return form * left / (freedom * len(own)) >= float(fdtri(len(own), left, 0.95))
+    return form * hotelling_freedom / (freedom * len(own)) >= float(fdtri(len(own), hotelling_freedom, 0.95))
 
 
 def _in_units_of(robot: Robot, choice: EffectChoice) -> str:
-    """What the size of a mass rests on, where torque is current times a gain."""
+    """Word the reservation that the size of a mass depends on the drive gains, where torque is current times a gain."""
     if not effect_by_id(choice.effect).in_some_runs or all(drive.gain in (None, 1.0) for drive in robot.drives):
         return ""
     return (
@@ -112,7 +125,7 @@ def _in_units_of(robot: Robot, choice: EffectChoice) -> str:
 
 
 def _as_warm_as(estimates: Estimates, choice: EffectChoice, joint: str) -> str:
-    """When a difference of friction is so large, where the joint's friction follows its temperature."""
+    """Word at which temperature a difference of friction holds, where the joint's friction depends on it."""
     warm = any(column.link == joint and effect_by_id(column.effect).needs_temperature for column in estimates.columns)
     if not (warm and effect_by_id(choice.effect).is_friction):
         return ""
@@ -126,26 +139,30 @@ def _told(other: EffectChoice, choice: EffectChoice, joint: str) -> list[str]:
 
 
 def _values(estimates: Estimates, choice: EffectChoice, joint: str) -> list[ChangedValue]:
-    """The parameters of a change; what says how large it is comes first, of a mass itself or its first moment."""
-    found = []
+    """List the parameters of a change; the one that says how large it is comes first.
+
+    For a load that is the mass itself, or else the size of its first moment.
+    """
+    entries = []
     for k, column in enumerate(estimates.columns):
         if (column.effect, column.runs, column.link) == (choice.effect, choice.runs, joint):
             value = ChangedValue(
                 column.name, float(estimates.values[k]), column.unit, estimates.interval(k), _before(estimates, column)
             )
-            found.append((k, column.parameter, value))
+            entries.append((k, column.parameter, value))
     if effect_by_id(choice.effect).in_some_runs:
-        moment = _moment(estimates, [k for k, name, _ in found if name in _MOMENTS])
+        moment = _moment(estimates, [k for k, name, _ in entries if name in _MOMENTS])
         # A mass that only the joints before it feel is known as part of others.
-        mass = [value for _, name, value in found if name == _MASS and value.interval[0] * value.interval[1] > 0]
+        mass = [value for _, name, value in entries if name == _MASS and value.interval[0] * value.interval[1] > 0]
         first = [*mass, *([moment] if moment else [])]
-        return [*first, *(value for _, _, value in found if value not in first)]
-    surest = sorted(found, key=lambda item: -_sureness(item[2]))
+        return [*first, *(value for _, _, value in entries if value not in first)]
+    # Of several parameters the one with the narrowest interval for its size represents the change.
+    surest = sorted(entries, key=lambda entry: -_sureness(entry[2]))
     return [value for _, _, value in surest]
 
 
 def _before(estimates: Estimates, column: Column) -> float | None:
-    """What the parameter was before a change: in the model, and what earlier changes have made of it."""
+    """Return what the parameter was before a change, earlier changes included; None where the model has no value."""
     place = (column.effect, column.parameter, column.link)
     own = [
         (other.runs, float(value))
@@ -162,7 +179,7 @@ def _sureness(value: ChangedValue) -> float:
 
 
 def _moment(estimates: Estimates, moments: Sequence[int]) -> ChangedValue | None:
-    """The size of a first moment, m l, from its components; its deviation is that along its direction."""
+    """Return the size of a first moment, m l, from its components; its deviation is that along its direction."""
     if not moments:
         return None
     index = np.array(moments, dtype=np.intp)

@@ -26,10 +26,23 @@ def together(
     recordings: Sequence[Recording],
     progress: Progress = silent,
 ) -> tuple[Identification, tuple[Recording, ...], tuple[str, ...]]:
-    """The model identified on all recordings as if nothing had changed; these, the baseline first; the later runs.
+    """Identify the model on both sets of recordings as if nothing had changed.
 
-    The later ones have names of their own among them: runs are told apart by their names. Tests of single joints are
+    The later recordings get names of their own: runs are told apart by their names. Tests of single joints' friction
+    are
     left out, and with them the strategies and estimators that need more than the rows of both.
+
+    Parameters
+    ----------
+    identification : Identification
+    baseline, recordings : sequence of Recording
+        The earlier and the later set.
+    progress : Progress
+
+    Returns
+    -------
+    (Identification, tuple of Recording, tuple of str)
+        The model, all recordings with the baseline first, and the labels of the later runs.
 
     Raises
     ------
@@ -42,8 +55,11 @@ def together(
     except DynidentError as error:
         raise DynidentError(error.detail, pointer="/baseline_ids", title=error.title) from error
     _check_apart(earlier, later)
-    taken = {recording.name for recording in earlier}
-    renamed = [replace(one, name=f"{one.name} (later)") if one.name in taken else one for one in later]
+    earlier_names = {recording.name for recording in earlier}
+    renamed = [
+        replace(recording, name=f"{recording.name} (later)") if recording.name in earlier_names else recording
+        for recording in later
+    ]
     since = tuple(dict.fromkeys(label for recording in renamed for label in recording.run_labels))
     everything = (*earlier, *renamed)
     effects = identification.choices.effects
@@ -62,60 +78,67 @@ def together(
 
 
 def _check_apart(earlier: Sequence[Recording], later: Sequence[Recording]) -> None:
-    """Raise where the same samples are on both sides: a day does not differ from itself."""
-    copies = [one for one in common_content(earlier, later) if one.kind == "copied"]
+    """Raise where the same samples are in both sets: a recording does not differ from itself."""
+    copies = [overlap for overlap in common_content(earlier, later) if overlap.kind == "copied"]
     if copies:
-        told = "; ".join(f"{one.held_out} is on both sides (the samples are those of {one.fitted})" for one in copies)
+        details = "; ".join(
+            f"{overlap.held_out} is on both sides (the samples are those of {overlap.fitted})" for overlap in copies
+        )
         raise DynidentError(
-            f"{told}: give earlier recordings as before, later ones as after",
+            f"{details}: give earlier recordings as before, later ones as after",
             pointer="/baseline_ids",
             title="One recording on both sides",
         )
 
 
 def _kept(prior: PriorName | None) -> PriorName | None:
-    """The entropic prior goes with the feasible estimator alone; as numbers the description serves any."""
+    """Return the prior to use: the entropic one goes with the feasible estimator alone, so numbers replace it."""
     return None if prior is None else "description"
 
 
 def changes_of(
     grown: Identification, picks: Sequence[Finding], ranked: Sequence[RankedEffect], since: tuple[str, ...]
 ) -> tuple[Change, ...]:
-    """The findings that the later runs have, joint by joint, with the values that the model with all of them has.
+    """List the findings that only the later runs have, joint by joint, with their values in the final model.
 
     Parameters
     ----------
-    grown : the model with everything in it that was found, and friction that may differ
+    grown : Identification
+        The model with all findings, and with friction that may differ in the later runs.
     picks, ranked : of equal length, in the same order
     since : labels of the later runs
+
+    Returns
+    -------
+    tuple of Change
     """
     estimates = Estimates.of(grown)
-    found: list[Change] = []
-    for pick, one in zip(picks, ranked, strict=True):
-        if is_change(one.choice, since):
-            found += changes_at(estimates, pick, one)
-    return tuple(found)
+    changes: list[Change] = []
+    for pick, ranked_effect in zip(picks, ranked, strict=True):
+        if is_change(ranked_effect.choice, since):
+            changes += changes_at(estimates, pick, ranked_effect)
+    return tuple(changes)
 
 
 def summary_of(changes: Sequence[Change], friction: Sequence[FrictionDifference]) -> str:
-    """What changed, in a sentence, and how much friction may have become without that being seen."""
-    bound = _bound_of({joint for one in changes for joint in one.choice.joints}, friction)
+    """Word what changed in a sentence, and how much friction may have changed without being seen."""
+    bound = _bound_of({joint for change in changes for joint in change.choice.joints}, friction)
     if not changes:
         return f"Nothing that these recordings can show has changed since the baseline.{bound}"
     parts = [
-        f"{effect_by_id(one.choice.effect).title}{f' on {one.choice.joints[0]}' if one.choice.joints else ''} "
-        f"({one.main.parameter} {one.main.value:+.3g}{'' if one.main.unit == '-' else f' {one.main.unit}'})"
-        for one in changes
+        f"{effect_by_id(change.choice.effect).title}{f' on {change.choice.joints[0]}' if change.choice.joints else ''} "
+        f"({change.main.parameter} {change.main.value:+.3g}{'' if change.main.unit == '-' else f' {change.main.unit}'})"
+        for change in changes
     ]
     return f"Since the baseline this has changed: {'; '.join(parts)}.{bound}"
 
 
 def _bound_of(changed: Collection[str], friction: Sequence[FrictionDifference]) -> str:
-    """The least and the most that friction of joints with no change may differ by."""
+    """Word the least and the most that friction of unchanged joints may differ by."""
     bounds = sorted(
-        (max(abs(end) for end in one.interval) / one.before, one.joint)
-        for one in friction
-        if one.joint not in changed and one.before > 0.0
+        (max(abs(end) for end in difference.interval) / difference.before, difference.joint)
+        for difference in friction
+        if difference.joint not in changed and difference.before > 0.0
     )
     if not bounds:
         return ""

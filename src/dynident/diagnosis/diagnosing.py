@@ -1,4 +1,4 @@
-"""Name the missing physics: rank every effect by what it does to data it was not fitted to, and add what survives."""
+"""Diagnose a model: rank every effect by its prediction of held-out data, and recommend those that pass."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ _AT_FIRST = (
 
 @dataclass(frozen=True, eq=False)
 class Examination:
-    """A diagnosis, the doubts that it leaves open, most important first, and what it was made from.
+    """A diagnosis, its doubts, most important first, and the data behind it.
 
     `identification` is the model in question, identified on both sets of recordings where there was a baseline;
-    `comparisons` are it beside each of `recordings`, from which tests of single joints' friction are left out.
+    `comparisons` are its predictions of each of `recordings`, without tests of single joints' friction.
     """
 
     diagnosis: Diagnosis
@@ -73,21 +73,32 @@ def diagnose(
     most_effects: int = DEFAULT_MOST_EFFECTS,
     progress: Progress = silent,
 ) -> Diagnosis:
-    """Find what is missing in an identified model.
+    """Find the effects that are missing in an identified model.
 
     Parameters
     ----------
     identification : Identification
     recordings : sequence of Recording
-        The data to learn from; usually those the model was identified on. What is recommended has improved the
-        prediction of stretches that were left out of the fit. Tests of single joints' friction are left out.
+        The data to learn from; usually those the model was identified on. A recommended effect has improved the
+        prediction of blocks that were left out of the fit. Tests of single joints' friction are left out.
     baseline : sequence of Recording, optional
-        Earlier recordings of the same robot: what is different in `recordings` is told as changes. The model is then
-        identified on both.
+        Earlier recordings of the same robot: differences of `recordings` from these are returned as changes. The model
+        is
+        then identified on both.
     candidates : sequence of effect ids, optional
         Only these effects; the whole catalogue otherwise.
     most_effects : int
         At most so many effects are recommended.
+    progress : Progress
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    DynidentError
+        For recordings of poses at rest, in which nothing that is missing shows.
     """
     return examine(
         identification,
@@ -109,12 +120,21 @@ def examine(
     most_effects: int = DEFAULT_MOST_EFFECTS,
     progress: Progress = silent,
 ) -> Examination:
-    """Find what is missing as `diagnose` does, and keep what advice on the next experiment is made from.
+    """Find missing effects as `diagnose` does, and keep what advice on the next experiment needs.
+
+    Parameters
+    ----------
+    identification, recordings, baseline, candidates, most_effects, progress
+        As for `diagnose`.
+
+    Returns
+    -------
+    Examination
 
     Raises
     ------
     DynidentError
-        For recordings of poses at rest, which show nothing that is missing.
+        For recordings of poses at rest, in which nothing that is missing shows.
     """
     check_candidates(candidates or ())
     if any(is_of_poses(recording) for recording in (*recordings, *baseline)):
@@ -130,6 +150,8 @@ def examine(
     if baseline:
         identification, recordings, since = together(identification, baseline, recordings)
     identification = _evenly(identification)
+    # A push of a few seconds shifts all parameters, and its traces look like missing friction. So disturbed seconds are
+    # taken out before anything else.
     undisturbed = leave_out_disturbances(identification, recordings)
     identification, recordings = undisturbed.identification, undisturbed.recordings
     model = identification.model
@@ -143,14 +165,19 @@ def examine(
     data = rows.products(pool, part(progress, 0.1, 0.5))
     start = _start(data, pool, identification, floor)
     first = judge_all(data, pool, start.base, pool.at_first, start.noise)
+    # First the best candidates of a coarse grid, then their shape constants, on all rows.
     picks, given_up = search(data, pool, start, first, most_effects, rows, part(progress, 0.5, 0.8))
     picks, recommended = refined(
         identification, picks, recordings, reference, resolved, floor, since, part(progress, 0.8, 0.9)
     )
+    # The findings are put to the test by identifying the model with them. Some cannot be added, or explain nothing any
+    # more in that model.
     grown, undetermined = _grown(identification, recommended, recordings, part(progress, 0.9, 1.0))
     picks, recommended = _without(picks, recommended, list(undetermined))
     final = _compared(identification, grown, recordings, comparisons)
     unknown = unknown_patterns(final)
+    # An effect whose residual still depends on the same variable has the wrong name, and misleads what was found after
+    # it.
     wrong = misnamed(picks, recommended, unknown, final)
     if wrong:
         picks, recommended = _without(picks, recommended, [*wrong, *found_beside(picks, wrong, first)])
@@ -160,7 +187,7 @@ def examine(
     # Of two days, halts would have to be asked apart.
     if not baseline:
         grown, final, held = held_at_rest(grown, recordings, final, candidates)
-        picks, recommended = (*picks, *held), (*recommended, *(one.judged.candidate.choice for one in held))
+        picks, recommended = (*picks, *held), (*recommended, *(finding.judged.candidate.choice for finding in held))
         unknown = unknown_patterns(final) if held else unknown
     residual = _rms(final)
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
@@ -171,14 +198,15 @@ def examine(
     friction: tuple[FrictionDifference, ...] = ()
     if baseline:
         grown = with_friction_differences(grown, since, recordings)
+        # The contacts stand first in the ranking, and are no changes of the robot.
         changes = changes_of(grown, picks, ranked[len(contacts) : len(contacts) + len(picks)], since)
         friction = friction_since(grown, since, final[-n_later:])
     # What changed is no part of the model: that is of both sets of recordings.
     missing = (*pushes, *(choice for choice in recommended if not is_change(choice, since)))
     verdict = verdict_of(missing, unknown, over_noise(final, floor))
-    told = [one for one in ranked if not is_change(one.choice, since)]
+    lasting_effects = [ranked_effect for ranked_effect in ranked if not is_change(ranked_effect.choice, since)]
     hidden = (*undetermined.values(), *nothing_left(first))
-    sentences = [*undisturbed.sentences, summary(verdict, told, unknown, residual, floor, model)]
+    sentences = [*undisturbed.sentences, summary(verdict, lasting_effects, unknown, residual, floor, model)]
     if given_up:
         sentences.append(UNDETERMINED)
     if changes is not None:
@@ -202,10 +230,10 @@ def examine(
 
 
 def _evenly(identification: Identification) -> Identification:
-    """The model from rows that count alike, by plain least squares.
+    """Identify the model once more with equally weighted rows, by plain least squares, where it was not.
 
-    What is missing in its friction shows where joints turn round; what holds parameters to bodies that can exist would
-    be in the residual as if it were missing, too.
+    Missing friction shows where joints reverse, which weights would hide. And what keeps parameters to bodies that can
+    exist would be in the residual as if it were missing, too.
     """
     choices, estimate = identification.choices, identification.estimate
     is_held = choices.solver.possible_where_free
@@ -216,7 +244,7 @@ def _evenly(identification: Identification) -> Identification:
 
 
 def _start(data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray) -> State:
-    """The model as it is, with the contacts that disturb it taken out of the way."""
+    """Return the state that the search starts from: the model with the contacts that disturb it."""
     base, noise = tuple(range(pool.n_base)), identification.noise
     picks = find_contacts(data, pool, base, noise, identification.preprocessing)
     for finding in picks:
@@ -236,23 +264,23 @@ def _grown(
     recordings: Sequence[Recording],
     progress: Progress,
 ) -> tuple[Identification, dict[int, Invisible]]:
-    """The model with all in it that is recommended, and by number what cannot be added, or helps only at first.
+    """Extend the model by all recommended effects; return also, by number, those that cannot be added or help no more.
 
-    Effects of first order come one by one: each is about the torque that the model with those before it predicts.
+    First-order effects come one by one: each is about the torque that the model with those before it predicts.
     """
     grown = identification
     undetermined: dict[int, Invisible] = {}
     for portion in _together(recommended):
-        told = part(progress, portion[0] / len(recommended), (portion[-1] + 1) / len(recommended))
+        portion_progress = part(progress, portion[0] / len(recommended), (portion[-1] + 1) / len(recommended))
         if len(portion) > 1:
             # One after another where one of them cannot be added.
             with suppress(DynidentError):
-                grown = extend_at_once(grown, [recommended[number] for number in portion], recordings, told)
+                grown = extend_at_once(grown, [recommended[number] for number in portion], recordings, portion_progress)
                 continue
         for number in portion:
             choice = recommended[number]
             try:
-                with_it = extend(grown, [choice], recordings, (), told)
+                with_it = extend(grown, [choice], recordings, (), portion_progress)
             except DynidentError as error:
                 undetermined[number] = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
                 continue
@@ -264,7 +292,7 @@ def _grown(
 
 
 def _together(recommended: Sequence[EffectChoice]) -> list[list[int]]:
-    """Numbers of the choices in their order, in portions that can be added at once."""
+    """Group the choices, in their order, into portions that can be added at once."""
     first_order = [effect_by_id(choice.effect).first_order for choice in recommended]
     portions: list[list[int]] = []
     for number in range(len(recommended)):
@@ -278,9 +306,9 @@ def _together(recommended: Sequence[EffectChoice]) -> list[list[int]]:
 def _without(
     picks: tuple[Finding, ...], recommended: tuple[EffectChoice, ...], gone: Sequence[int]
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
-    """The findings without some of them, by number."""
-    kept = [k for k in range(len(picks)) if k not in gone]
-    return tuple(picks[k] for k in kept), tuple(recommended[k] for k in kept)
+    """Return the findings without those of these numbers."""
+    remaining = [k for k in range(len(picks)) if k not in gone]
+    return tuple(picks[k] for k in remaining), tuple(recommended[k] for k in remaining)
 
 
 def _compared(
@@ -289,7 +317,7 @@ def _compared(
     recordings: Sequence[Recording],
     comparisons: Sequence[Comparison],
 ) -> list[Comparison]:
-    """The residual that is left once everything recommended is in the model."""
+    """Compare the model with everything recommended in it with the recordings."""
     if grown is identification:
         return list(comparisons)
     return [compare(grown, recording) for recording in recordings]

@@ -1,8 +1,8 @@
-"""Time first: spans that something outside the model disturbed, found and explained before any physics is named.
+"""Find spans of time that something outside the model disturbed, before any physics is named.
 
-A push of a few seconds shifts all parameters, and what they then fail to say everywhere else looks like friction. So
-spans that stand out are found by leaving each out (`estimation.outlying_spans`), a push on one of the links is tried
-on them, and everything else is asked of the other rows alone.
+A push of a few seconds shifts all parameters, and the resulting errors everywhere else look like friction. So spans
+that stand out are found by leaving each out (`estimation.outlying_spans`), a push on one of the links is tried on them,
+and everything else is looked for in the other rows alone.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class Disturbance:
 
 @dataclass(frozen=True, eq=False)
 class UndisturbedData:
-    """The recordings without what is disturbed, the model identified from them, and the disturbances."""
+    """The recordings without disturbed seconds, the model identified from them, and the disturbances."""
 
     identification: Identification
     recordings: tuple[Recording, ...]
@@ -86,23 +86,23 @@ class UndisturbedData:
 
     @property
     def contacts(self) -> tuple[Finding, ...]:
-        """The pushes that explain disturbances."""
-        return tuple(one.contact for one in self.disturbances if one.contact is not None)
+        """Pushes that explain disturbances."""
+        return tuple(disturbance.contact for disturbance in self.disturbances if disturbance.contact is not None)
 
     @property
     def unexplained_patterns(self) -> tuple[UnknownPattern, ...]:
         """Disturbances that no push explains, as dependences on time of the joint that shows them most."""
         names = self.identification.model.robot.joint_names
         return tuple(
-            UnknownPattern(names[int(np.argmax(one.share))], "time", float(one.share.max()))
-            for one in self.disturbances
-            if one.contact is None
+            UnknownPattern(names[int(np.argmax(disturbance.share))], "time", float(disturbance.share.max()))
+            for disturbance in self.disturbances
+            if disturbance.contact is None
         )
 
     @property
     def sentences(self) -> list[str]:
-        """One sentence a disturbance."""
-        return [_sentence(one, self.identification) for one in self.disturbances]
+        """One sentence for each disturbance."""
+        return [_sentence(disturbance, self.identification) for disturbance in self.disturbances]
 
 
 def leave_out_disturbances(identification: Identification, recordings: Sequence[Recording]) -> UndisturbedData:
@@ -113,34 +113,53 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
     identification : Identification
     recordings : sequence of Recording
         What the model is diagnosed from.
+
+    Returns
+    -------
+    UndisturbedData
     """
     model, preprocessing = identification.model, identification.preprocessing
     reference = identification.estimate.next_reference()
-    parts = [reduce_recordings(model.observation, [one], preprocessing, reference) for one in recordings]
+    parts = [reduce_recordings(model.observation, [recording], preprocessing, reference) for recording in recordings]
     outlying = find_outlying_spans(concatenate(parts))
     if not outlying.spans:
         return UndisturbedData(identification, tuple(recordings), ())
     solution = replace(identification.estimate.solution, values=outlying.values)
+    # The residual of each span is taken from the parameters that were fitted without all of them.
     undisturbed = replace(identification, estimate=replace(identification.estimate, solution=solution))
     last = np.cumsum([part.n_stretches for part in parts])
-    found: list[Disturbance] = []
+    disturbances: list[Disturbance] = []
     for span in outlying.spans:
         number = int(np.searchsorted(last, span.first, side="right"))
-        found.append(_disturbance(span, number, recordings[number], compare(undisturbed, recordings[number])))
-    cut = [
-        _without(recording, [one for one in found if one.recording == number], _width(identification))
+        disturbances.append(_disturbance(span, number, recordings[number], compare(undisturbed, recordings[number])))
+    windowed = [
+        _without(
+            recording,
+            [disturbance for disturbance in disturbances if disturbance.recording == number],
+            _width(identification),
+        )
         for number, recording in enumerate(recordings)
     ]
-    again = identify_model(model, cut, (), identification.choices, preprocessing, reference, silent)
-    named = [one if one.cause else _with_contact(one, again, recordings[one.recording]) for one in found]
-    pushes = [one.contact.judged.candidate.choice for one in named if one.contact is not None]
+    reidentified = identify_model(model, windowed, (), identification.choices, preprocessing, reference, silent)
+    explained = [
+        disturbance
+        if disturbance.cause
+        else _with_contact(disturbance, reidentified, recordings[disturbance.recording])
+        for disturbance in disturbances
+    ]
+    pushes = [
+        disturbance.contact.judged.candidate.choice for disturbance in explained if disturbance.contact is not None
+    ]
     if pushes and not _can_be_added(identification, pushes, recordings):
-        named = [replace(one, contact=None, cause=_push_in_words(one, again)) for one in named]
-    return UndisturbedData(again, tuple(cut), tuple(named))
+        explained = [
+            replace(disturbance, contact=None, cause=_push_in_words(disturbance, reidentified))
+            for disturbance in explained
+        ]
+    return UndisturbedData(reidentified, tuple(windowed), tuple(explained))
 
 
 def _disturbance(span: OutlyingSpan, number: int, recording: Recording, comparison: Comparison) -> Disturbance:
-    """The same span with its ends where the residual rises and falls."""
+    """Return a span as a disturbance, with its ends where the residual rises and falls."""
     residual = np.where(comparison.telling, comparison.residual, 0.0)
     inside = (comparison.t >= span.start) & (comparison.t <= span.end)
     segment = comparison.segment[int(np.flatnonzero(inside)[0])] if inside.any() else 0
@@ -166,7 +185,7 @@ def _disturbance(span: OutlyingSpan, number: int, recording: Recording, comparis
 
 
 def _cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> str:
-    """Say what explains a disturbance with fewer numbers than a push has: a drive without torque, or a clock."""
+    """Word what explains a disturbance with fewer numbers than a push: a drive without torque, or a clock."""
     measured, predicted = comparison.measured[rows], comparison.predicted[rows]
     # At both ends the filter mixes in what was before and after.
     middle = slice(len(measured) // 4, max(len(measured) - len(measured) // 4, 1))
@@ -176,26 +195,27 @@ def _cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> str:
         return f"the torque of {', '.join(off)} hardly changes: drives that were off, or brakes that held"
     t = comparison.t[rows]
     before = float((((measured - predicted) / usual) ** 2).sum())
-    left = {}
+    unexplained = {}
     for delay in _DELAYS:
-        moved = np.column_stack([np.interp(t - delay, comparison.t, one) for one in comparison.predicted.T])
-        left[float(delay)] = float((((measured - moved) / usual) ** 2).sum())
-    best = min(left, key=lambda delay: left[delay])
-    if left[best] < (1.0 - _EXPLAINED) * before:
+        moved = np.column_stack([np.interp(t - delay, comparison.t, column) for column in comparison.predicted.T])
+        unexplained[float(delay)] = float((((measured - moved) / usual) ** 2).sum())
+    best = min(unexplained, key=lambda delay: unexplained[delay])
+    if unexplained[best] < (1.0 - _EXPLAINED) * before:
         return f"the torque is {abs(best) * 1e3:.0f} ms {'late' if best > 0 else 'early'}: a clock that jumped"
     return ""
 
 
 def _usual(residual: FloatArray, rows: BoolArray) -> FloatArray:
-    """(n,): median size of the residual (m, n) on some rows (m, n) of every joint; of one without rows, of all."""
+    """Return (n,): the median size of the residual (m, n) on some rows (m, n) of each joint."""
     sizes = [np.abs(residual[own, j]) for j, own in enumerate(rows.T)]
     medians = np.array([float(np.median(own)) if len(own) else 0.0 for own in sizes])
+    # A joint without such rows, or without any residual, gets the largest of the others: it then hardly counts.
     largest = float(medians.max(initial=0.0))
     return np.where(medians > 0.0, medians, largest if largest > 0.0 else 1.0)
 
 
 def _richest_part(values: FloatArray) -> tuple[int, int]:
-    """First and last index of the part with the largest sum."""
+    """Return the first and last index of the interval with the largest sum (Kadane's algorithm)."""
     sums = np.concatenate([[0.0], np.cumsum(values)])
     gains = sums - np.minimum.accumulate(sums)
     last = max(int(np.argmax(gains)), 1)
@@ -203,17 +223,18 @@ def _richest_part(values: FloatArray) -> tuple[int, int]:
 
 
 def _half_heights(t: FloatArray, size: FloatArray, first: int, last: int) -> tuple[float, float]:
-    """Times about rows `first` and `last` at which a residual of this size (m,) rises to half its height, and falls.
+    """Return the times near rows `first` and `last` where the residual's size (m,) rises to half its height and falls.
 
-    A filter without phase makes of a step one that is at half its height where the step is. The height is that of the
+    A filter without phase turns a step into a ramp that is at half its height where the step is. The height is that of
+    the
     tenth of the span beside the end: what a force does to the joints changes with the posture.
     """
-    beside = max(2, (last - first) // 10)
+    edge_rows = max(2, (last - first) // 10)
     ends = []
     for edge, step in ((first, 1), (last, -1)):
-        half = 0.5 * float(np.median(size[edge + step * beside : edge + 2 * step * beside : step]))
+        half = 0.5 * float(np.median(size[edge + step * edge_rows : edge + 2 * step * edge_rows : step]))
         k = edge
-        while k != edge + step * beside and size[k] < half:
+        while k != edge + step * edge_rows and size[k] < half:
             k += step
         before = k - step
         if 0 <= before < len(t) and size[before] < half < size[k] and abs(t[k] - t[before]) < _SMOOTH:
@@ -225,39 +246,39 @@ def _half_heights(t: FloatArray, size: FloatArray, first: int, last: int) -> tup
 
 
 def _width(identification: Identification) -> float:
-    """Seconds over which the filters smear what is disturbed."""
+    """Return the seconds over which the filters smear a disturbance."""
     cutoffs = [
         c for c in (identification.preprocessing.position_cutoff, identification.preprocessing.torque_cutoff) if c
     ]
     return 1.0 / min([*cutoffs, _SLOWEST])
 
 
-def _without(recording: Recording, gone: Sequence[Disturbance], margin: float) -> Recording:
-    """The recording without the seconds of these, in windows of t."""
-    if not gone:
+def _without(recording: Recording, disturbances: Sequence[Disturbance], margin: float) -> Recording:
+    """Return the recording without the seconds of these disturbances, by windows of t."""
+    if not disturbances:
         return recording
     first = min(segment.start_time for segment in recording.segments)
     last = max(segment.start_time + segment.length * recording.period for segment in recording.segments)
     windows = list(recording.windows) or [(first, last)]
-    for one in gone:
-        start, end = one.start - margin, one.end + margin
+    for disturbance in disturbances:
+        start, end = disturbance.start - margin, disturbance.end + margin
         cut = [(low, min(high, start)) for low, high in windows] + [(max(low, end), high) for low, high in windows]
         windows = sorted((low, high) for low, high in cut if high > low)
     return recording.with_windows(tuple(windows))
 
 
-def _with_contact(one: Disturbance, identification: Identification, recording: Recording) -> Disturbance:
-    """The disturbance with the push that explains it, of all links the one that leaves least."""
+def _with_contact(disturbance: Disturbance, identification: Identification, recording: Recording) -> Disturbance:
+    """Return the disturbance with the push that explains it best, tried on all links."""
     model = identification.model
     robot = model.robot
     links = range(robot.tree.n) if robot.linkage is None else (robot.tree.n - 1,)
-    windows = ((one.start, one.end), one.steps)
+    windows = ((disturbance.start, disturbance.end), disturbance.steps)
     shapes = [
         {"t0": start, "t1": end} | ({"link": k + 1.0} if k + 1 < robot.tree.n else {})
         for start, end in dict.fromkeys(windows)
         for k in links
     ]
-    choices = [EffectChoice(PUSH, (), tuple(sorted(shape.items())), (one.run,)) for shape in shapes]
+    choices = [EffectChoice(PUSH, (), tuple(sorted(shape.items())), (disturbance.run,)) for shape in shapes]
     pool = pool_of(model, choices)
     reference = identification.estimate.next_reference()
     data = gather(pool.observation, model.signals, [recording], identification.preprocessing, reference, pool.n_base)
@@ -270,49 +291,52 @@ def _with_contact(one: Disturbance, identification: Identification, recording: R
         )
     ]
     if not contacts:
-        return one
+        return disturbance
     best = max(contacts, key=lambda contact: contact.judged.t)
     names = [pool.observation.columns[k].parameter for k in best.judged.candidate.columns]
-    at = dict(zip(names, best.judged.amplitudes.tolist(), strict=True))
-    force = np.array([at.get(f"f{axis}", 0.0) + at.get(f"f{axis}h", 0.0) for axis in "xyz"])
+    amplitudes = dict(zip(names, best.judged.amplitudes.tolist(), strict=True))
+    force = np.array([amplitudes.get(f"f{axis}", 0.0) + amplitudes.get(f"f{axis}h", 0.0) for axis in "xyz"])
     window = dict(best.judged.candidate.shape)
-    return replace(one, start=float(window["t0"]), end=float(window["t1"]), contact=best, force=force)
+    return replace(disturbance, start=float(window["t0"]), end=float(window["t1"]), contact=best, force=force)
 
 
 def _beginning(pool: Pool, start: float) -> Pool:
-    """The same pool with the candidates of one window alone."""
-    return replace(pool, candidates=tuple(one for one in pool.candidates if dict(one.shape)["t0"] == start))
+    """Return the pool with the candidates of one window alone."""
+    return replace(
+        pool, candidates=tuple(candidate for candidate in pool.candidates if dict(candidate.shape)["t0"] == start)
+    )
 
 
-def _sentence(one: Disturbance, identification: Identification) -> str:
+def _sentence(disturbance: Disturbance, identification: Identification) -> str:
     robot = identification.model.robot
-    when = f"From {one.start:.1f} to {one.end:.1f} s of {one.run}"
-    apart = "What else is missing was asked of the other seconds alone."
-    if one.cause:
-        return f"{when} {one.cause}. Leave these seconds out of the identification. {apart}"
-    if one.contact is None or one.force is None:
-        worst = robot.joint_names[int(np.argmax(one.share))]
+    when = f"From {disturbance.start:.1f} to {disturbance.end:.1f} s of {disturbance.run}"
+    advice = "What else is missing was asked of the other seconds alone."
+    if disturbance.cause:
+        return f"{when} {disturbance.cause}. Leave these seconds out of the identification. {advice}"
+    if disturbance.contact is None or disturbance.force is None:
+        worst = robot.joint_names[int(np.argmax(disturbance.share))]
         return (
-            f"{when} the residual is {np.sqrt(one.ratio):.0f} times that of all other rows, most on {worst}, and no "
-            "push on a link explains it: a collision, a load that was picked up, a brake, or a drive that was off. "
-            f"Leave these seconds out of the identification. {apart}"
+            f"{when} the residual is {np.sqrt(disturbance.ratio):.0f} times that of all other rows, most on {worst}, "
+            "and no push on a link explains it: a collision, a load that was picked up, a brake, or a drive that was "
+            "off. "
+            f"Leave these seconds out of the identification. {advice}"
         )
-    push = _push_in_words(one, identification)
-    return f"{when} {push}: leave these seconds out of the identification, or add the contact. {apart}"
+    push = _push_in_words(disturbance, identification)
+    return f"{when} {push}: leave these seconds out of the identification, or add the contact. {advice}"
 
 
-def _push_in_words(one: Disturbance, identification: Identification) -> str:
-    """What the push of a disturbance may have been; the cause that stands already where there is none."""
-    if one.contact is None or one.force is None:
-        return one.cause
+def _push_in_words(disturbance: Disturbance, identification: Identification) -> str:
+    """Word what the push of a disturbance may have been; return its cause where there is no push."""
+    if disturbance.contact is None or disturbance.force is None:
+        return disturbance.cause
     robot = identification.model.robot
-    link = int(dict(one.contact.judged.candidate.shape).get("link", 0.0))
-    size, gravity = float(np.linalg.norm(one.force)), robot.gravity
+    link = int(dict(disturbance.contact.judged.candidate.shape).get("link", 0.0))
+    size, gravity = float(np.linalg.norm(disturbance.force)), robot.gravity
     # Where along the arm it is pushed, a few seconds hardly tell: a force farther out may do the same.
     push = f"something outside pushed the link of {robot.tree.joint_names[link - 1]}, or one beyond it"
     if not link:
         push = f"something outside pushed the last link with some {size:.2g} N"
-    if size > 0.0 and float(one.force @ gravity) > _UPRIGHT * size * float(np.linalg.norm(gravity)):
+    if size > 0.0 and float(disturbance.force @ gravity) > _UPRIGHT * size * float(np.linalg.norm(gravity)):
         push += f", or it carried some {size / float(np.linalg.norm(gravity)):.2g} kg"
     return push
 
@@ -320,7 +344,7 @@ def _push_in_words(one: Disturbance, identification: Identification) -> str:
 def _can_be_added(
     identification: Identification, pushes: Sequence[EffectChoice], recordings: Sequence[Recording]
 ) -> bool:
-    """Whether the recordings determine a model with the pushes in it."""
+    """Return whether the recordings determine a model with the pushes in it."""
     try:
         extend_at_once(identification, pushes, recordings)
     except DynidentError:

@@ -1,4 +1,4 @@
-"""The figure behind each ranked effect: the residual over what the effect depends on, and the fitted effect with it."""
+"""Data for the figure of each ranked effect: the residual over what the effect depends on, with the fitted effect."""
 
 from __future__ import annotations
 
@@ -83,24 +83,38 @@ def evidence(
     recordings: Sequence[Recording],
     progress: Progress = silent,
 ) -> tuple[Evidence, ...]:
-    """Fit each of the first ranked effects beside a model; show what it explains joint by joint, best rank first."""
-    shown = [candidate for candidate in candidates if candidate.rank <= MOST]
-    if not shown:
+    """Fit each of the first ranked effects beside a model, and bin what it explains joint by joint.
+
+    Parameters
+    ----------
+    identification : Identification
+    candidates : sequence of RankedEffect
+        Those up to rank `MOST` are fitted.
+    recordings : sequence of Recording
+    progress : Progress
+
+    Returns
+    -------
+    tuple of Evidence
+        Best rank first, one for each joint that the effect acts on.
+    """
+    top_candidates = [candidate for candidate in candidates if candidate.rank <= MOST]
+    if not top_candidates:
         return ()
     robot = identification.model.robot
-    choices = [one.choice for one in shown]
+    choices = [candidate.choice for candidate in top_candidates]
     rows = _rows(identification, choices, recordings, progress)
-    found = []
-    for number, (one, choice) in enumerate(zip(shown, choices, strict=True)):
+    figures = []
+    for number, (candidate, choice) in enumerate(zip(top_candidates, choices, strict=True)):
         places = [robot.tree.joint_names[j] for j in joints_of(choice, robot)]
         for joint in sorted({j for name in places for j in robot.movers(name)}):
-            made = _of_joint(one, number, joint, robot, rows)
-            if made is not None:
-                found.append(made)
-    return tuple(found)
+            figure = _of_joint(candidate, number, joint, robot, rows)
+            if figure is not None:
+                figures.append(figure)
+    return tuple(figures)
 
 
-def _of_joint(one: RankedEffect, number: int, joint: int, robot: Robot, rows: _Rows) -> Evidence | None:
+def _of_joint(ranked: RankedEffect, number: int, joint: int, robot: Robot, rows: _Rows) -> Evidence | None:
     effort = robot.joints[joint].effort_unit
     residual, curve, own = rows.residual[:, joint], rows.fitted[number][:, joint], rows.own[number][:, joint]
     total = float((residual**2).sum())
@@ -115,7 +129,8 @@ def _of_joint(one: RankedEffect, number: int, joint: int, robot: Robot, rows: _R
         ("travel since reversal", angle, _travel(rows.q[:, joint], rows.dq[:, joint])),
         ("time", "s", rows.t),
     ]
-    cycles = dict(one.choice.shape).get("k")
+    # A ripple is a function of the phase of its cycles; over the position its waves would be averaged away.
+    cycles = dict(ranked.choice.shape).get("k")
     if cycles:
         options.insert(0, ("phase", "rad", np.mod(cycles * rows.q[:, joint], 2.0 * np.pi)))
     shares = [_share(values, own) for _, _, values in options]
@@ -127,8 +142,8 @@ def _of_joint(one: RankedEffect, number: int, joint: int, robot: Robot, rows: _R
         return None
     means = [np.bincount(bins, weights=w) / counts for w in (values, residual, residual**2, curve)]
     return Evidence(
-        rank=one.rank,
-        effect=one.effect,
+        rank=ranked.rank,
+        effect=ranked.effect,
         joint=robot.joint_names[joint],
         variable=variable,
         unit=unit,
@@ -142,14 +157,14 @@ def _of_joint(one: RankedEffect, number: int, joint: int, robot: Robot, rows: _R
 
 
 def _bins(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """(m,): the number of each value's bin; bins hold about equally many."""
+    """Return (m,): the number of each value's bin; bins hold about equally many."""
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1)[1:-1]))
     which = np.searchsorted(edges, values, side="right")
     return np.asarray(np.unique(which, return_inverse=True)[1])
 
 
 def _share(values: FloatArray, curve: FloatArray) -> float:
-    """Share of a curve's variance (m,) that its means in bins of a variable (m,) show."""
+    """Return the share of a curve's variance (m,) that its means in bins of a variable (m,) reproduce."""
     bins = _bins(values)
     counts = np.bincount(bins)
     means = np.bincount(bins, weights=curve) / counts
@@ -158,16 +173,16 @@ def _share(values: FloatArray, curve: FloatArray) -> float:
 
 
 def _travel(q: FloatArray, dq: FloatArray) -> FloatArray:
-    """(m,): how far a joint has come since it last turned, with the sign of its motion."""
+    """Return (m,): how far a joint has come since its last reversal, with the sign of its motion."""
     sign = np.sign(dq)
-    turned = np.concatenate([[True], sign[1:] != sign[:-1]])
-    return np.asarray(q - q[np.flatnonzero(turned)[np.cumsum(turned) - 1]])
+    starts_stroke = np.concatenate([[True], sign[1:] != sign[:-1]])
+    return np.asarray(q - q[np.flatnonzero(starts_stroke)[np.cumsum(starts_stroke) - 1]])
 
 
 def _rows(
     identification: Identification, choices: Sequence[EffectChoice], recordings: Sequence[Recording], progress: Progress
 ) -> _Rows:
-    """Residual and fitted effects along all recordings."""
+    """Compute the residual and the fitted effects along all recordings."""
     model, preprocessing = identification.model, identification.preprocessing
     reference = identification.estimate.next_reference()
     new, places = _columns(identification, choices)
@@ -178,6 +193,8 @@ def _rows(
     )
     base = tuple(range(model.n_parameters))
     start = _values(reduction, base, identification.noise)
+    # Each effect is fitted together with all parameters of the model: what it explains is then what the model really
+    # lacks.
     fits = [_values(reduction, (*base, *columns), identification.noise) for columns in places]
     rigid = np.array([role_of(column) == "link" for column in whole.columns])
     added = np.arange(whole.n_columns) >= model.n_parameters
@@ -207,13 +224,13 @@ def _rows(
 def _columns(
     identification: Identification, choices: Sequence[EffectChoice]
 ) -> tuple[list[Column], list[tuple[int, ...]]]:
-    """New columns of all choices, each once, and which of them every choice has, as numbers behind the model's own."""
-    kept = {column.key for column in identification.model.columns}
+    """Return the new columns of all choices, each once, and for every choice their numbers behind the model's own."""
+    known_keys = {column.key for column in identification.model.columns}
     where: dict[object, int] = {}
     new: list[Column] = []
     places = []
     for choice in choices:
-        own = [column for column in columns_of([choice], identification.model.signals) if column.key not in kept]
+        own = [column for column in columns_of([choice], identification.model.signals) if column.key not in known_keys]
         for column in own:
             if column.key not in where:
                 where[column.key] = identification.model.n_parameters + len(new)
@@ -223,7 +240,7 @@ def _columns(
 
 
 def _values(reduction: Reduction, columns: Sequence[int], noise: FloatArray) -> FloatArray:
-    """Parameters (c,) with all columns but these at zero; of those that fit equally well the smallest.
+    """Return parameters (c,) with all columns but these at zero; of those that fit equally well the smallest.
 
     A column may depend on the model's own, which changes nothing in what is predicted.
     """
@@ -236,7 +253,7 @@ def _values(reduction: Reduction, columns: Sequence[int], noise: FloatArray) -> 
 
 
 class _Samples:
-    """Filtered entries of recordings, evaluated once where they are few enough to be kept."""
+    """Filtered entries of recordings, evaluated once where they are few enough to be kept in memory."""
 
     def __init__(
         self,
@@ -251,19 +268,19 @@ class _Samples:
         self._kept: dict[int, list[FilteredSamples]] = {}
 
     def of(self, recording: Recording) -> Iterable[FilteredSamples]:
-        """All pieces of a recording."""
+        """Return all pieces of a recording."""
         observation, preprocessing, reference = self._made
         phases = RowPhases.of(observation, recording, preprocessing)
         if id(recording) in self._kept:
             return self._kept[id(recording)]
-        made = filtered_samples(observation, recording, preprocessing, reference, phases=phases)
+        pieces = filtered_samples(observation, recording, preprocessing, reference, phases=phases)
         if not self._keep:
-            return made
-        return self._kept.setdefault(id(recording), list(made))
+            return pieces
+        return self._kept.setdefault(id(recording), list(pieces))
 
 
 def _motions(recording: Recording, identification: Identification) -> Iterator[FloatArray]:
-    """(m, 3 n): q, dq, ddq of the rows, piece by piece."""
+    """Yield (m, 3 n): q, dq, ddq of the rows, piece by piece."""
     for _, _, rows in parallel_filtered(
         recording, identification.preprocessing, lambda block: np.hstack([block.q, block.dq, block.ddq])
     ):

@@ -1,4 +1,4 @@
-"""How much the friction of each joint differs between two days, whether or not that is a finding."""
+"""How much the friction of each joint differs between two sets of recordings, whether that is a finding or not."""
 
 from __future__ import annotations
 
@@ -24,10 +24,21 @@ from dynident.robot.model import Joint
 def with_friction_differences(
     grown: Identification, since: tuple[str, ...], recordings: Sequence[Recording]
 ) -> Identification:
-    """The model in which the friction of every joint may differ in the later runs.
+    """Extend the model so that the friction of every joint may differ in the later runs.
 
-    Friction is hardly ever the same on two days. What was too little of that to be a finding is made up for by the
-    values of what was found, and their intervals do not say so, where it has no parameters of its own.
+    Friction is hardly ever the same on two days. Where the model has no parameters for differences too small to be
+    findings, the values of the findings make up for them, and their intervals do not say so.
+
+    Parameters
+    ----------
+    grown : Identification
+        The model with all findings.
+    since : labels of the later runs
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    Identification
     """
     lacking = [EffectChoice(effect, joints, (), since) for effect, joints in _lacking(grown, since).items()]
     if not lacking:
@@ -45,47 +56,58 @@ def with_friction_differences(
 def friction_since(
     grown: Identification, since: tuple[str, ...], later: Sequence[Comparison]
 ) -> tuple[FrictionDifference, ...]:
-    """By how much the friction of every joint that moves is larger in the later runs.
+    """Compute by how much the friction of every joint that moves is larger in the later runs.
 
-    Coulomb and viscous friction make up for each other: what they are together at the speed that the joint has is known
-    far better than either, and is what people feel.
+    Coulomb and viscous friction make up for each other: their sum at the joint's speed is known far better than either,
+    and
+    is what people feel.
 
     Parameters
     ----------
-    grown : the model with everything in it that was found, and friction that may differ
+    grown : Identification
+        The model with all findings, and with friction that may differ.
     since : labels of the later runs
-    later : the later recordings beside a model of them
+    later : sequence of Comparison
+        The later recordings with a model of them.
+
+    Returns
+    -------
+    tuple of FrictionDifference
     """
-    rows = np.maximum(np.sum([one.moving.sum(axis=0) for one in later], axis=0), 1)
-    speeds = np.sum([(np.abs(one.dq) * one.moving).sum(axis=0) for one in later], axis=0) / rows
-    taken = np.sum([_taken(one) for one in later], axis=0) / rows
+    rows = np.maximum(np.sum([comparison.moving.sum(axis=0) for comparison in later], axis=0), 1)
+    speeds = np.sum([(np.abs(comparison.dq) * comparison.moving).sum(axis=0) for comparison in later], axis=0) / rows
+    friction_torque = np.sum([_taken(comparison) for comparison in later], axis=0) / rows
     return tuple(
-        replace(found, before=float(taken[j]) - found.value)
+        replace(difference, before=float(friction_torque[j]) - difference.value)
         for j, joint in enumerate(grown.model.robot.joints)
-        for found in _at_speed(grown, since, joint, float(speeds[j]))
+        for difference in _at_speed(grown, since, joint, float(speeds[j]))
     )
 
 
-def _taken(one: Comparison) -> FloatArray:
-    """(n,): what joints take along their motion beside the rigid body's torque; what they only hold evens out."""
-    return np.asarray((np.sign(one.dq) * (one.predicted - one.load) * one.moving).sum(axis=0))
+def _taken(comparison: Comparison) -> FloatArray:
+    """Return (n,): the sum of the torque along the motion beside the rigid body's."""
+    return np.asarray(
+        # The sign of the velocity makes dissipated torque add up; torque that only holds the joint changes sign with
+        # it.
+        (np.sign(comparison.dq) * (comparison.predicted - comparison.load) * comparison.moving).sum(axis=0)
+    )
 
 
 def _lacking(grown: Identification, since: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    """The friction that the model has of all runs and not yet, by joint, of the later ones: effects and joints."""
-    there = {(column.effect, column.link) for column in grown.model.kept if column.runs == since}
-    found: dict[str, tuple[str, ...]] = {}
+    """Return, by effect, the joints whose friction the model has for all runs and not yet for the later ones."""
+    known_places = {(column.effect, column.link) for column in grown.model.kept if column.runs == since}
+    lacking: dict[str, tuple[str, ...]] = {}
     for column in grown.model.kept:
         place = (column.effect, column.link)
-        if not column.runs and role_of(column) in ("dry", "damping") and place not in there:
-            found[column.effect] = (*found.get(column.effect, ()), column.link)
-    return found
+        if not column.runs and role_of(column) in ("dry", "damping") and place not in known_places:
+            lacking[column.effect] = (*lacking.get(column.effect, ()), column.link)
+    return lacking
 
 
 def _at_speed(
     grown: Identification, since: tuple[str, ...], joint: Joint, speed: float
 ) -> Iterator[FrictionDifference]:
-    """What the parameters of one joint say at a speed; nothing where it stands, or the data determine none of them."""
+    """Yield the friction difference of one joint at a speed; nothing where it stands or is undetermined."""
     direction = np.array(
         [
             _torque_of(column, speed) if column.link == joint.name and column.runs == since else 0.0
@@ -103,6 +125,6 @@ def _at_speed(
 
 
 def _torque_of(column: Column, speed: float) -> float:
-    """Torque at a speed that a unit of a column's parameter is: of Coulomb and viscous friction."""
+    """Return the torque at a speed for a unit of a column's parameter, of Coulomb and viscous friction."""
     role = role_of(column)
     return 1.0 if role == "dry" else speed if role == "damping" else 0.0

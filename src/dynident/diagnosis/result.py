@@ -1,4 +1,4 @@
-"""What a diagnosis says."""
+"""Result types of a diagnosis."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ class RankedEffect:
 
     @property
     def effect(self) -> str:
-        """Its id in the catalogue."""
+        """Id of the effect in the catalogue."""
         return self.choice.effect
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names; none where it belongs to the whole robot."""
+        """Names of its joints; none where it belongs to the whole robot."""
         return self.choice.joints
 
 

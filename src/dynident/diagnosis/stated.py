@@ -1,4 +1,4 @@
-"""What is asked of a diagnosis."""
+"""Request of a diagnosis."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ DEFAULT_MOST_EFFECTS = 12
 
 @dataclass(frozen=True)
 class DiagnosisChoices:
-    """What may be missing in a model, and how much of it is looked for."""
+    """Which effects may be missing in a model, and how many are recommended at most."""
 
     candidates: tuple[str, ...] | None = said(
         "Ids of effects, only these; the whole catalogue where not given", default=None, fewest=1
@@ -26,7 +26,7 @@ class DiagnosisChoices:
 
 
 def check_candidates(names: Sequence[str]) -> None:
-    """Raise `DynidentError`, which names the place in the list, for what is no effect of the catalogue."""
+    """Raise `DynidentError`, with the place in the list, for a name that is no effect of the catalogue."""
     if names:
         # The catalogue takes a second to load.
         from dynident.effects import effect_by_id

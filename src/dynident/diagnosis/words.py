@@ -1,4 +1,4 @@
-"""A diagnosis in a robotics engineer's words."""
+"""Word a diagnosis for a robotics engineer: ranking, verdict and summary."""
 
 from __future__ import annotations
 
@@ -35,93 +35,108 @@ UNDETERMINED = (
 def rank_all(
     picks: Sequence[Finding], first: Sequence[JudgedCandidate], recommended: Sequence[EffectChoice]
 ) -> tuple[RankedEffect, ...]:
-    """Every family at its best place: what was picked in the order of picking, then the others by their gain."""
+    """Rank every effect at its best place: the findings in the order of picking, then the others by their gain.
+
+    Parameters
+    ----------
+    picks, recommended : of equal length
+        The findings, and how they are recommended.
+    first : sequence of JudgedCandidate
+        All candidates tried beside the model alone.
+
+    Returns
+    -------
+    tuple of RankedEffect
+    """
     ranked: list[RankedEffect] = []
     for finding, choice in zip(picks, recommended, strict=True):
-        others = {item.candidate.effect for item in finding.equal} - {choice.effect}
+        others = {scored.candidate.effect for scored in finding.equal} - {choice.effect}
         twins = tuple(sorted(others | set(effect_by_id(choice.effect).same_function)))
         why = finding.why or f"Its mark in a residual: {effect_by_id(choice.effect).signature}."
         if twins:
             why += f" This data cannot tell it from: {', '.join(twins)}."
         if places := _other_places(finding, choice):
             why += f" It may as well be on: {', '.join(places)}."
-        item = _narrowed(finding.judged, choice)
-        ranked.append(_ranked(len(ranked) + 1, item, choice, finding.p, why, twins))
+        scored = _narrowed(finding.judged, choice)
+        ranked.append(_ranked(len(ranked) + 1, scored, choice, finding.p, why, twins))
     picked = {choice.effect for choice in recommended}
     best: dict[str, JudgedCandidate] = {}
-    for item in first:
-        effect = item.candidate.effect
-        if effect not in picked and (effect not in best or item.total_gain > best[effect].total_gain):
-            best[effect] = item
-    for item in sorted(best.values(), key=lambda judged: -judged.total_gain):
+    for scored in first:
+        effect = scored.candidate.effect
+        if effect not in picked and (effect not in best or scored.total_gain > best[effect].total_gain):
+            best[effect] = scored
+    for scored in sorted(best.values(), key=lambda judged: -judged.total_gain):
         # It may have passed on its own at first; what was picked then explained the same part of the residual.
         better = "What ranks above it explains the same part of the residual, or nature does not allow it."
-        why = better if item.passes else "That is not enough."
-        ranked.append(_ranked(len(ranked) + 1, item, item.candidate.choice, item.p, why, None))
+        why = better if scored.passes else "That is not enough."
+        ranked.append(_ranked(len(ranked) + 1, scored, scored.candidate.choice, scored.p, why, None))
     return tuple(ranked)
 
 
 def _other_places(finding: Finding, choice: EffectChoice) -> tuple[str, ...]:
-    """Joints on which the same effect says as much, each by itself: passive joints of a parallelogram turn alike."""
-    same = [item.candidate.joints for item in finding.equal if item.candidate.effect == choice.effect]
-    apart = same if effect_by_id(choice.effect).in_some_runs else [joints for joints in same if len(joints) == 1]
-    return tuple(dict.fromkeys(name for joints in apart for name in joints if name not in choice.joints))
+    """Return other joints on which the same effect gains as much by itself.
+
+    Passive joints of a parallelogram turn alike, for example.
+    """
+    same = [scored.candidate.joints for scored in finding.equal if scored.candidate.effect == choice.effect]
+    places = same if effect_by_id(choice.effect).in_some_runs else [joints for joints in same if len(joints) == 1]
+    return tuple(dict.fromkeys(name for joints in places for name in joints if name not in choice.joints))
 
 
-def _narrowed(item: JudgedCandidate, choice: EffectChoice) -> JudgedCandidate:
-    """A finding on those joints that are recommended in the end: of a group, some may have dropped out."""
-    candidate = item.candidate
+def _narrowed(scored: JudgedCandidate, choice: EffectChoice) -> JudgedCandidate:
+    """Return a finding on the joints that are recommended in the end: some of a group may have dropped out."""
+    candidate = scored.candidate
     if candidate.joints == choice.joints:
-        return item
-    kept = item.joints
-    if len(kept) == len(candidate.joints):
-        kept = tuple(j for j, name in zip(kept, candidate.joints, strict=True) if name in choice.joints)
-    return replace(item, joints=kept, candidate=replace(candidate, joints=choice.joints))
+        return scored
+    joints = scored.joints
+    if len(joints) == len(candidate.joints):
+        joints = tuple(j for j, name in zip(joints, candidate.joints, strict=True) if name in choice.joints)
+    return replace(scored, joints=joints, candidate=replace(candidate, joints=choice.joints))
 
 
 def _ranked(
     rank: int,
-    item: JudgedCandidate,
+    scored: JudgedCandidate,
     choice: EffectChoice,
     p: float,
     why: str,
     equivalent: tuple[str, ...] | None,
 ) -> RankedEffect:
-    """One row of the ranking; `equivalent` None: not a finding."""
-    joints = item.told_of
-    measured = np.maximum(item.measured[joints].sum(), 1e-300)
-    before = float(np.sqrt(item.before[:, joints].sum() / measured))
-    after = float(np.sqrt(item.after[:, joints].sum() / measured))
+    """Return one row of the ranking; `equivalent` is None for what is no finding."""
+    joints = scored.told_of
+    measured = np.maximum(scored.measured[joints].sum(), 1e-300)
+    before = float(np.sqrt(scored.before[:, joints].sum() / measured))
+    after = float(np.sqrt(scored.after[:, joints].sum() / measured))
     return RankedEffect(
         rank=rank,
         choice=choice,
         error_before=before,
         error_after=after,
-        error_drop=item.error_drop,
-        t_value=item.t,
+        error_drop=scored.error_drop,
+        t_value=scored.t,
         p_value=p,
         significant=equivalent is not None,
-        evidence=_evidence(item, before, after, why),
+        evidence=_evidence(scored, before, after, why),
         equivalent=equivalent or (),
-        separability=item.separability,
+        separability=scored.separability,
     )
 
 
-def _evidence(item: JudgedCandidate, before: float, after: float, why: str) -> str:
-    effect = effect_by_id(item.candidate.effect)
-    place = ", ".join(item.candidate.joints) or "the whole robot"
+def _evidence(scored: JudgedCandidate, before: float, after: float, why: str) -> str:
+    effect = effect_by_id(scored.candidate.effect)
+    place = ", ".join(scored.candidate.joints) or "the whole robot"
     if after >= before:
         return f"{effect.title} on {place} does not improve the prediction of stretches left out of the fit."
     return (
         f"{effect.title} on {place} lowers the error on stretches left out of the fit from {before:.2%} to {after:.2%} "
-        f"(t = {item.t:.1f} over {len(item.gains)} stretches, {item.share_improved:.0%} of them better). {why}"
+        f"(t = {scored.t:.1f} over {len(scored.gains)} stretches, {scored.share_improved:.0%} of them better). {why}"
     )
 
 
 def over_noise(comparisons: Sequence[Comparison], floor: FloatArray) -> FloatArray:
-    """(n,): rms of the residual where each joint moves, over the sensor's noise; 0 where that is none.
+    """Return (n,): rms of the residual where each joint moves, over the sensor's noise; 0 where that is zero.
 
-    Without a sensor's noise, as in a simulation, what is left is of no matter beside the torque.
+    In a simulation without sensor noise a residual counts against a small share of the torque instead.
     """
     squares = np.sum([np.where(c.moving, c.residual**2, 0.0).sum(axis=0) for c in comparisons], axis=0)
     torque = np.sum([np.where(c.moving, c.measured**2, 0.0).sum(axis=0) for c in comparisons], axis=0)
@@ -131,11 +146,13 @@ def over_noise(comparisons: Sequence[Comparison], floor: FloatArray) -> FloatArr
 
 
 def verdict_of(recommended: Sequence[EffectChoice], unknown: Sequence[UnknownPattern], above: FloatArray) -> Adequacy:
-    """The verdict: something nameable is missing, something is left that has no name, or nothing is.
+    """Return the verdict: a nameable effect is missing, something without a name is left, or nothing is.
 
     Parameters
     ----------
-    unknown : what the residual depends on
+    recommended : sequence of EffectChoice
+    unknown : sequence of UnknownPattern
+        What the residual depends on.
     above : (n,)
         `over_noise` of the model with all that is recommended.
     """
@@ -154,11 +171,12 @@ def summary(
     floor: FloatArray,
     model: Model,
 ) -> str:
-    """The verdict in a few sentences."""
-    found = [item for item in ranked if item.significant]
+    """Word the verdict in a few sentences."""
+    significant = [ranked_effect for ranked_effect in ranked if ranked_effect.significant]
     if verdict == "missing_effect":
         names = "; ".join(
-            f"{effect_by_id(item.effect).title} on {', '.join(item.joints) or 'the whole robot'}" for item in found
+            f"{effect_by_id(ranked_effect.effect).title} on {', '.join(ranked_effect.joints) or 'the whole robot'}"
+            for ranked_effect in significant
         )
         text = f"The model lacks: {names}."
     elif verdict == "unexplained":
@@ -173,6 +191,7 @@ def summary(
     if unknown:
         parts = "; ".join(f"{p.joint} over {p.variable.replace('_', ' ')} ({p.share:.0%})" for p in unknown[:4])
         text += f" The residual still depends on: {parts}."
+    # The joint where the residual exceeds the noise most, in multiples, stands for all.
     worst = int(np.argmax(residual / np.maximum(floor, 1e-12)))
     joint = model.robot.joints[worst]
     text += (

@@ -1,6 +1,6 @@
-"""Names that do not fit: an effect that leaves behind more than it explains, or another function of the position.
+"""Find wrong names: an effect that leaves more than it explains, or another function of the position.
 
-What was found beside such a name, and would not have been found without it, goes with it.
+Findings that were made beside such a name, and would not have been made without it, go with it.
 """
 
 from __future__ import annotations
@@ -31,12 +31,19 @@ def misnamed(
     unknown: Sequence[UnknownPattern],
     final: Sequence[Comparison],
 ) -> list[int]:
-    """Numbers of the picks whose joint still depends on what they should have explained.
+    """Return the numbers of the findings whose joint still depends on what they should have explained.
 
     Parameters
     ----------
-    unknown : patterns of the residual that is left once all of them are in the model
-    final : the comparisons of that model
+    picks, recommended : of equal length
+    unknown : sequence of UnknownPattern
+        Patterns of the residual that is left once all findings are in the model.
+    final : sequence of Comparison
+        The comparisons of that model.
+
+    Returns
+    -------
+    list of int
     """
     names = final[0].joint_names
     squares = np.sum([(c.told**2).sum(axis=0) for c in final], axis=0)
@@ -51,19 +58,21 @@ def misnamed(
         here = [j for j in judged.joints if names[j] in choice.joints or (of_position and len(choice.joints) == 1)]
         for j in here:
             removed = float((judged.before - judged.after)[:, j].sum())
-            left = [p.share * squares[j] for p in unknown if p.joint == names[j] and p.variable in kinds]
-            if left and max(left) > least * removed:
+            remainders = [p.share * squares[j] for p in unknown if p.joint == names[j] and p.variable in kinds]
+            if remainders and max(remainders) > least * removed:
                 wrong.append(number)
                 break
     return wrong
 
 
 def helps_only_at_first(before: Identification, after: Identification, choice: EffectChoice) -> bool:
-    """Whether an effect of first order explains nothing any more in the model that is identified with it.
+    """Return whether a first-order effect explains nothing any more in the model that is identified with it.
 
     Its columns are made of the torque that the model without it predicts. Where the motion hardly determines that
-    model, the one with it predicts another, and what was gained is gone: no joint's error falls by what anybody would
-    notice, or all of them together rise.
+    model, the
+    one with it predicts another torque, and the gain is gone: no joint's error falls noticeably, or all of them
+    together
+    rise.
     """
     if not effect_by_id(choice.effect).first_order:
         return False
@@ -73,21 +82,27 @@ def helps_only_at_first(before: Identification, after: Identification, choice: E
 
 
 def found_beside(picks: Sequence[Finding], wrong: Sequence[int], first: Sequence[JudgedCandidate]) -> list[int]:
-    """Numbers of the picks that were found on the joints of a wrong name, and do not show without it.
+    """Return the numbers of the findings on the joints of a wrong name that do not pass without it.
 
-    Beside a curve that is not the right one something else may make up for what it is off by.
+    Beside a wrong curve something else may make up for its errors.
 
     Parameters
     ----------
+    picks : sequence of Finding
     wrong : numbers of the wrong names
-    first : all candidates, judged before anything was found
+    first : sequence of JudgedCandidate
+        All candidates, judged before anything was found.
+
+    Returns
+    -------
+    list of int
     """
-    alone = {item.candidate: item for item in first}
-    found = []
+    alone = {scored.candidate: scored for scored in first}
+    dependent = []
     for number, finding in enumerate(picks):
         mine = finding.judged
-        beside = any(set(picks[k].judged.joints) & set(mine.joints) for k in wrong)
+        shares_joint = any(set(picks[k].judged.joints) & set(mine.joints) for k in wrong)
         before = alone.get(mine.candidate)
-        if beside and number not in wrong and before is not None and not before.passes:
-            found.append(number)
-    return found
+        if shares_joint and number not in wrong and before is not None and not before.passes:
+            dependent.append(number)
+    return dependent

@@ -1,4 +1,4 @@
-"""What produces joint torque: one file a family, one catalogue of all."""
+"""Effects: the physical causes of joint torque. One module a family, and one catalogue of all."""
 
 from __future__ import annotations
 
@@ -68,5 +68,6 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    # Which effects there are to be chosen is declared in this room, too: who asks for some does not wait for them.
+    # Choices of effects are declared in this package, too. Loading names lazily lets code that only reads choices
+    # start without CasADi.
     __getattr__ = lazily(__name__)

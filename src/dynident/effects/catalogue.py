@@ -1,4 +1,4 @@
-"""Every effect that the product knows: ours in an order for readers, then any other file of this room, then others'."""
+"""The catalogue of all effects: our own in an order for readers, other modules of this package, then plug-ins."""
 
 from __future__ import annotations
 
@@ -73,7 +73,10 @@ _OURS: tuple[Effect, ...] = (
 
 
 class Catalogue(Mapping[str, Effect]):
-    """Effects by id. Those of other distributions are loaded when first asked for: they import this package."""
+    """Effects by id.
+
+    Effects of other distributions are loaded on first use, because these distributions import this package.
+    """
 
     @cached_property
     def _effects(self) -> dict[str, Effect]:
@@ -83,7 +86,7 @@ class Catalogue(Mapping[str, Effect]):
 
     @contextmanager
     def with_one_more(self, effect: Effect) -> Iterator[None]:
-        """The catalogue with an effect that is not installed, or another one in place of that of the same id."""
+        """Add an effect that is not installed, or replace that of the same id, within a `with` block."""
         before = dict(self._effects)
         self._effects[effect.id] = effect
         try:
@@ -106,37 +109,66 @@ CATALOGUE = Catalogue()
 
 
 class UnknownEffectError(DynidentError):
-    """An effect, joint or shape constant that does not exist, or an effect where it cannot sit."""
+    """Error: an effect, joint or shape constant does not exist, or an effect cannot act on a joint."""
 
 
 def effect_by_id(identifier: str, pointer: str = "") -> Effect:
-    """The effect of that id; `UnknownEffectError` names those there are."""
+    """Return the effect with an id.
+
+    Parameters
+    ----------
+    identifier : str
+    pointer : str
+        JSON pointer to the id in the user's request.
+
+    Raises
+    ------
+    UnknownEffectError
+        If there is none; the message names those there are.
+    """
     try:
         return CATALOGUE[identifier]
     except KeyError:
-        known = ", ".join(CATALOGUE)
+        effect_ids = ", ".join(CATALOGUE)
         raise UnknownEffectError(
-            f"there is no effect {identifier!r}; the catalogue has: {known}", pointer=pointer, title="Unknown effect"
+            f"there is no effect {identifier!r}; the catalogue has: {effect_ids}",
+            pointer=pointer,
+            title="Unknown effect",
         ) from None
 
 
 def spec_of(column: Column) -> ParameterSpec | None:
-    """What its effect says of a column's parameter; None for a column of no effect, as the offsets of a sensor are."""
+    """Return the specification of a column's parameter.
+
+    None for a column that belongs to no effect, such as the offset of a sensor.
+    """
     effect = CATALOGUE.get(column.effect)
     return next((spec for spec in effect.parameters if spec.name == column.parameter), None) if effect else None
 
 
 def role_of(column: Column) -> Role | None:
-    """What a column's parameter is to others than its effect."""
+    """Return the role of a column's parameter; None where it has none."""
     spec = spec_of(column)
     return None if spec is None else spec.role
 
 
 def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[int, ...]:
-    """Indices of the joints that a choice sits on; where none is named all it may sit on, or those usual for it.
+    """Return the joints that a chosen effect acts on, as indices of the tree's joints.
 
-    They count the joints of the tree: where some of them follow others, what is usual for an effect of joints is to sit
-    on the driven ones.
+    Where the choice names no joints, they are the effect's default ones: of these only the driven joints, where some
+    joints follow others, unless the effect belongs to links.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+    robot : Robot
+    pointer : str
+        JSON pointer to the choice in the user's request.
+
+    Raises
+    ------
+    UnknownEffectError
+        If the choice names an unknown joint, or one on which the effect cannot act.
     """
     effect = effect_by_id(choice.effect, pointer)
     whole, robot = robot, robot.tree
@@ -149,13 +181,14 @@ def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[in
         usual = effect.unless_named(robot)
         if whole.linkage is None or effect.sits_on == "link":
             return usual
+        # If the effect fits none of the driven joints, let it act on those of the others that it fits.
         return tuple(j for j in usual if j in whole.linkage.driven) or usual
     indices = []
     for name in choice.joints:
         if name not in robot.joint_names:
-            known = ", ".join(robot.joint_names)
+            joint_names = ", ".join(robot.joint_names)
             raise UnknownEffectError(
-                f"there is no joint {name!r}; {robot.name} has: {known}", pointer=pointer, title="Unknown joint"
+                f"there is no joint {name!r}; {robot.name} has: {joint_names}", pointer=pointer, title="Unknown joint"
             )
         index = robot.joint_names.index(name)
         if index not in possible:
@@ -175,26 +208,27 @@ def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[in
 
 
 def is_change(choice: EffectChoice, since: tuple[str, ...]) -> bool:
-    """Whether a choice is something that a robot may come to have, from one of the runs `since` a baseline to the last.
+    """Return whether a choice is a lasting change of the robot: from one of the runs `since` a baseline to the last.
 
-    What happens in a run, a touch, is none.
+    Events within a run, such as a contact, are no such change.
     """
     lasts = bool(choice.runs) and choice.runs == since[-len(choice.runs) :]
     return lasts and effect_by_id(choice.effect).may_change
 
 
 def check_shape(choice: EffectChoice, pointer: str = "") -> None:
-    """Raise where a choice gives a shape constant that its effect does not have, or one that makes no sense."""
+    """Raise `UnknownEffectError` if a choice has a shape constant that its effect lacks, or an impossible value."""
     effect = effect_by_id(choice.effect, pointer)
-    known = {spec.name: spec for spec in effect.shapes}
+    constants = {spec.name: spec for spec in effect.shapes}
     for name, value in choice.shape:
-        if name not in known:
+        if name not in constants:
             raise UnknownEffectError(
-                f"{choice.effect} has no shape constant {name!r}; it has: {', '.join(known) or 'none'}", pointer=pointer
+                f"{choice.effect} has no shape constant {name!r}; it has: {', '.join(constants) or 'none'}",
+                pointer=pointer,
             )
-        if not known[name].admits(value):
+        if not constants[name].admits(value):
             raise UnknownEffectError(
-                f"{name} of {choice.effect} is {value}; {_expected(known[name])}",
+                f"{name} of {choice.effect} is {value}; {_expected(constants[name])}",
                 pointer=f"{pointer}/shape/{name}",
                 title="Impossible shape constant",
             )
@@ -213,19 +247,35 @@ def _besides(spec: ShapeSpec) -> str:
 
 
 def columns_of(choices: Iterable[EffectChoice], signals: Signals) -> list[Column]:
-    """Columns of all choices on one robot, in their order."""
+    """Return the columns of all chosen effects on one robot, in their order.
+
+    Parameters
+    ----------
+    choices : iterable of EffectChoice
+    signals : Signals
+        Symbols of the robot that the columns are expressions of.
+
+    Returns
+    -------
+    list of Column
+
+    Raises
+    ------
+    UnknownEffectError
+        If a choice does not fit the catalogue or the robot.
+    """
     columns: list[Column] = []
     for index, choice in enumerate(choices):
-        made = columns_everywhere(choice, signals, f"/effects/{index}")
+        choice_columns = columns_everywhere(choice, signals, f"/effects/{index}")
         if choice.runs or effect_by_id(choice.effect).in_some_runs:
             present = signals.in_runs(RunSignal(choice.runs))
-            made = [_in_runs(column, present, choice.runs) for column in made]
-        columns += made
+            choice_columns = [_in_runs(column, present, choice.runs) for column in choice_columns]
+        columns += choice_columns
     return columns
 
 
 def columns_everywhere(choice: EffectChoice, signals: Signals, pointer: str = "") -> list[Column]:
-    """Columns of a choice as if it were in all runs, whichever it is in."""
+    """Return the columns of a choice as if it were in all runs."""
     check_shape(choice, pointer)
     joints = joints_of(choice, signals.robot, pointer)
     effect = effect_by_id(choice.effect)
@@ -237,28 +287,30 @@ def columns_everywhere(choice: EffectChoice, signals: Signals, pointer: str = ""
 def _of_linked(
     effect: Effect, signals: Signals, driven: Sequence[int], joints: Sequence[int], choice: EffectChoice
 ) -> list[Column]:
-    """Columns on a machine some of whose joints follow others, numbered like the tree's joints.
+    """Return the columns on a machine some of whose joints follow others, numbered like the tree's joints.
 
-    What sits on a driven joint has its load and its motor's torque; what sits elsewhere, or on links, is the tree's.
+    An effect on a driven joint depends on that joint's load and motor torque; an effect on links or on another joint
+    depends on the signals of the tree.
     """
     shape = choice.shape_values
     tree = TreeSignals.of(signals)
     if effect.sits_on == "link":
         return tree.columns(effect.columns(tree, joints, shape))
-    made: list[Column] = []
+    columns: list[Column] = []
+    # An effect may fit a joint of the tree but not the driven robot, whose joints have other neighbours.
     fitting = effect.applicable(signals.robot)
     on_driven = [driven.index(j) for j in joints if j in driven and driven.index(j) in fitting]
     if on_driven or effect.scope == "robot":
-        own = effect.columns(signals, on_driven, shape)
-        made += [_numbered(column, signals.robot, driven) for column in own]
+        driven_columns = effect.columns(signals, on_driven, shape)
+        columns += [_numbered(column, signals.robot, driven) for column in driven_columns]
     others = [j for j in joints if j not in driven or driven.index(j) not in fitting]
     if others and effect.scope == "joint":
-        made += tree.columns(effect.columns(tree, others, shape))
-    return made
+        columns += tree.columns(effect.columns(tree, others, shape))
+    return columns
 
 
 def _numbered(column: Column, robot: Robot, driven: Sequence[int]) -> Column:
-    """The column of a driven joint with the number of that joint on the tree in its name."""
+    """Return the column of a driven joint with the joint's number in the tree in its name."""
     if column.link not in robot.joint_names:
         return column
     j = robot.joint_names.index(column.link)
@@ -268,7 +320,7 @@ def _numbered(column: Column, robot: Robot, driven: Sequence[int]) -> Column:
 
 
 def _in_runs(column: Column, present: ca.SX, runs: tuple[str, ...]) -> Column:
-    """The column in the runs where `present` is 1, and nothing in the others."""
+    """Return the column multiplied by `present`, which is 1 in some runs and 0 in the others."""
     energy, wrench = column.energy, column.wrench
     return replace(
         column,

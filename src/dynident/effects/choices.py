@@ -1,4 +1,4 @@
-"""Which effects somebody chose, and those that every robot has: by name, before anything knows what they are."""
+"""Choices of effects by name, and the default ones; the effects themselves are not loaded for them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,18 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class EffectChoice:
-    """An effect that somebody chose, on some joints (all that it may sit on where empty), with shape constants.
+    """A chosen effect.
 
-    `runs` are the labels of the runs that it is in; it is in all of them where there are none.
+    Attributes
+    ----------
+    effect : str
+        Id in the catalogue.
+    joints : tuple of str
+        Joints that it acts on; empty for the effect's default joints.
+    shape : tuple of (str, float)
+        Shape constants.
+    runs : tuple of str
+        Labels of the runs that it is in; empty for all runs.
     """
 
     effect: str
@@ -18,7 +27,7 @@ class EffectChoice:
     runs: tuple[str, ...] = field(default=())
 
     def __repr__(self) -> str:
-        # Kinds have their words in the catalogue, which those who only choose need not wait for.
+        # Imported here: the catalogue, which has the words for constants, loads CasADi.
         from dynident.effects.written import effect_text
 
         runs = f", runs={self.runs!r}" if self.runs else ""
@@ -33,13 +42,13 @@ class EffectChoice:
 DEFAULT_EFFECTS: tuple[EffectChoice, ...] = tuple(
     EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 )
-"""Every robot has them."""
+"""Effects that every robot has."""
 LINKS: EffectChoice = EffectChoice("rigid_body")
 OFFSETS: EffectChoice = EffectChoice("offset")
 JOINT_FRICTION: tuple[EffectChoice, ...] = (EffectChoice("coulomb"), EffectChoice("viscous"), OFFSETS)
-"""What one joint's torque consists of where it moves alone and at constant speed."""
+"""Effects on one joint that moves alone, at constant speed, without load."""
 
 
 def load_in(run: str) -> EffectChoice:
-    """What the tool carries in the run with that label alone."""
+    """Return the choice of a payload in the run with this label only."""
     return EffectChoice("payload", runs=(run,))

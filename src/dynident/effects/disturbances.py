@@ -1,4 +1,4 @@
-"""What acts on the robot from outside, some of the time: a payload in some runs, a touch, a floor that shakes."""
+"""Effects from outside the robot: a payload in some runs, a contact, a vibrating base."""
 
 from __future__ import annotations
 
@@ -44,21 +44,22 @@ class Payload(Effect):
     place_experiment = "as_it_is"
     told_from = MappingProxyType({"with_payload": ("rigid_body",)})
     in_some_runs = True
-    # A second moment alone, of a link that only turns about the vertical, is as well a rotor or a gain.
+    # A second moment alone is not enough: on a link that only turns about the vertical it is the same function as a
+    # rotor or a gain.
     shown_by = ("MXp", "MYp", "MZp", "Mp")
     may_change = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """A ball of 4 cm, 6 cm before the flange."""
+        """Return the usual size: a ball of 4 cm, 6 cm before the flange."""
         mass = usual_force(robot) / 9.81
         return Usual({"Mp": mass, "MZp": 0.06 * mass, "XXp": 4.2e-3 * mass, "YYp": 4.2e-3 * mass, "ZZp": 0.6e-3 * mass})
 
     def unless_named(self, robot: Robot) -> tuple[int, ...]:
-        """The last joint: that of the tool."""
+        """Return the last joint: that of the tool."""
         return (robot.n - 1,)
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Ten columns for every link that carries something: those of the link itself."""
+        """Return ten columns for every link that carries something: those of the link itself."""
         rows = signals.mechanics.rows
         return [
             replace(
@@ -97,23 +98,24 @@ class ExternalContact(Effect):
     scope = "robot"
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """A push of a second and a half."""
+        """Return the usual size: a push of a second and a half."""
         force = usual_force(robot)
         return Usual({"fx": 0.5 * force, "fz": force, "fzh": 0.5 * force}, {"t0": 3.0, "t1": 4.5})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Six columns of a wrench that stays, and six of one that swells and fades, inside the window."""
+        """Return six columns of a wrench that stays, and six of one that swells and fades, inside the window."""
         constants = self.shape_with_defaults(shape)
         start, end = constants["t0"], constants["t1"]
+        # The window and half a sine wave in it: the two profiles together approximate most single pushes.
         inside = (signals.time >= start) * (signals.time <= end)
         swell = inside * ca.sin(np.pi * (signals.time - start) / max(end - start, 1e-9))
         n = signals.robot.n
         jacobian = link_jacobian(signals.robot, signals.q, min(int(constants["link"]) or n, n) - 1)
-        made = []
+        columns = []
         for k, spec in enumerate(self.parameters):
             profile = inside if k < 6 else swell
-            made.append(self._robot_column(spec, -jacobian[k % 6, :].T * profile, constants))
-        return made
+            columns.append(self._robot_column(spec, -jacobian[k % 6, :].T * profile, constants))
+        return columns
 
 
 class BaseVibration(Effect):
@@ -137,22 +139,22 @@ class BaseVibration(Effect):
     needs_load = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """That of a light stand."""
+        """Return the usual size: that of a light stand."""
         return Usual({"axc": 0.3, "ays": 0.2, "azc": 0.1, "azs": 0.3}, {"f": 7.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """A cosine and a sine column for every direction of the base frame."""
+        """Return a cosine and a sine column for every direction of the base frame."""
         constants = self.shape_with_defaults(shape)
         angle = 2 * np.pi * constants["f"] * signals.time
         waves = (ca.cos(angle), ca.sin(angle))
-        made = []
+        columns = []
         for k, spec in enumerate(self.parameters):
             direction = np.eye(3)[k // 2]
-            made.append(
+            columns.append(
                 self._robot_column(spec, -signals.predicted.gravity_torque(direction) * waves[k % 2], constants)
             )
-        return made
+        return columns
 
     def applicable(self, robot: Robot) -> tuple[int, ...]:
-        """Any robot whose base is not in free fall."""
+        """Return all joints: gravity acts on any of them."""
         return tuple(range(robot.n))

@@ -1,4 +1,4 @@
-"""What motors and amplifiers add: gains that are off, a torque that comes late, rotors that are carried along."""
+"""Effects of motors and amplifiers: wrong or saturating gains, delayed torque, rotors that other links carry."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dynident.effects.signals import Signals
 from dynident.effects.sizes import ROTOR_SHARE, Usual, largest_torque
 from dynident.robot.model import Robot
 
-# Of a direct gear.
+# Gear ratio of a usual direct gear.
 _GEAR_RATIO = 20.0
 
 
@@ -25,7 +25,7 @@ class DriveGainError(Effect):
     title = "Error of the drive gain"
     sits_on = "motor"
     formula = r"\varepsilon\,\hat\Gamma"
-    # Twice the usual: of a joint that carries little a gain scales friction alone, and friction changes by any share.
+    # Twice the usual size: on a joint with little load a gain scales friction alone, which changes by any share itself.
     parameters = (
         ParameterSpec("eps", "-", "relative error of the drive gain", least=5e-3, most=0.5, most_change=0.12),
     )
@@ -39,11 +39,11 @@ class DriveGainError(Effect):
     may_change = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """Some per cent."""
+        """Return the usual size: some per cent."""
         return Usual({"eps": 0.06})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """The predicted motor torque of every joint."""
+        """Return the predicted motor torque of every joint."""
         return [self._column(signals, self.parameters[0], j, signals.predicted.motor[j]) for j in joints]
 
 
@@ -63,11 +63,11 @@ class DriveGainSaturation(Effect):
     needs_load = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """A tenth at the largest torque."""
+        """Return the usual size: a tenth at the largest torque."""
         return Usual({"sat": 0.12 / largest_torque(robot, joint)})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Torque times its size, of every joint."""
+        """Return torque times its size, of every joint."""
         motor = signals.predicted.motor
         return [self._column(signals, self.parameters[0], j, motor[j] * ca.fabs(motor[j])) for j in joints]
 
@@ -94,12 +94,13 @@ class TorqueDelay(Effect):
     may_change = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """Some milliseconds."""
+        """Return the usual size: some milliseconds."""
         return Usual({"delay": 8e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Minus the rate, and half the second derivative, of the predicted torque with Coulomb friction's jumps."""
+        """Return minus the rate and half the second derivative of the predicted torque, with Coulomb friction."""
         predicted = signals.predicted
+        # Coulomb friction jumps, so its derivatives are differences over the sampling period.
         rate = predicted.smooth_rate + predicted.drive("Fc") * signals.sign_rate
         curvature = predicted.smooth_curvature + predicted.drive("Fc") * signals.sign_curvature
         return [
@@ -126,29 +127,30 @@ class RotorCoupling(Effect):
     told_from = MappingProxyType({"paces": ("rigid_body",)})
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """That of a usual rotor behind a direct gear."""
+        """Return the usual size: that of a usual rotor behind a direct gear."""
         return Usual({"NJ": ROTOR_SHARE * largest_torque(robot, joint) / _GEAR_RATIO})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """One column a joint, by Lagrange's equation of the energy that couples rotor and carrier."""
-        made = []
+        """Return one column a joint, by Lagrange's equation of the energy that couples rotor and carrier."""
+        columns = []
         for j in joints:
             energy = _carried_spin(signals, j)
+            # Lagrange: d/dt ∂E/∂q̇ - ∂E/∂q, with the time derivative by the chain rule over q and q̇.
             momentum = ca.gradient(energy, signals.dq)
             rate = ca.jtimes(momentum, ca.vertcat(signals.q, signals.dq), ca.vertcat(signals.dq, signals.ddq))
             torque = rate - ca.gradient(energy, signals.q)
-            made.append(self._reaching_column(signals, self.parameters[0], j, torque, energy=partial(ca.SX, energy)))
-        return made
+            columns.append(self._reaching_column(signals, self.parameters[0], j, torque, energy=partial(ca.SX, energy)))
+        return columns
 
     def applicable(self, robot: Robot) -> tuple[int, ...]:
-        """Revolute joints whose motor a revolute joint carries."""
+        """Return revolute joints whose motor a revolute joint carries."""
         return tuple(
             j for j, joint in enumerate(robot.joints) if joint.kind == "revolute" and _revolute_ancestors(robot, j)
         )
 
 
 def _carried_spin(signals: Signals, joint: int) -> ca.SX:
-    """q̇j (zj · ω) for the angular velocity ω of the link that carries joint j's motor."""
+    """Return q̇j (zj · ω) for the angular velocity ω of the link that carries joint j's motor."""
     robot = signals.robot
     frames = frames_of(robot, signals.q)
     # The axis, turned back frame by frame: in frame i its product with axis i is what joint i adds to zj · ω.
@@ -164,10 +166,10 @@ def _carried_spin(signals: Signals, joint: int) -> ca.SX:
 
 
 def _revolute_ancestors(robot: Robot, joint: int) -> list[int]:
-    found = []
+    ancestors = []
     link = robot.joints[joint].parent
     while link >= 0:
         if robot.joints[link].kind == "revolute":
-            found.append(link)
+            ancestors.append(link)
         link = robot.joints[link].parent
-    return found
+    return ancestors

@@ -1,4 +1,4 @@
-"""What an effect is: a named block of columns of the observation matrix, with parameters, units and a source."""
+"""The base class of effects: a named block of columns of the observation matrix, with parameters, units, sources."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dynident.robot.model import Robot
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter as data ask for it, and by how much it may well be off (twice its standard deviation)."""
+    """An estimated parameter, with twice its standard deviation as its uncertainty (`doubt`)."""
 
     value: float
     doubt: float
@@ -27,14 +27,14 @@ class Estimate:
 Role = Literal[
     "link", "load", "rotor", "dry", "dry_once_sliding", "damping", "constant", "stiffness", "at_zero", "delay"
 ]
-"""What others than its effect have to know of a parameter.
+"""What code outside of an effect has to know of a parameter.
 
 An inertial parameter of a `link`, or of a `load` that a link carries; inertia of a `rotor`, in q̈; `dry` friction, in
 sign(q̇), or the same `dry_once_sliding`; `damping`, in q̇; a `constant` torque; the `stiffness` of a spring, in
 q, and its torque `at_zero`; the `delay` of the torque."""
 
 DRIVE_ROLES: tuple[Role, ...] = ("rotor", "dry", "damping", "constant")
-"""Of what a motor's torque consists beside the load."""
+"""Roles of the parameters that a motor's torque consists of beside the load."""
 
 ExperimentKind = Literal[
     "constant_speeds",
@@ -47,20 +47,33 @@ ExperimentKind = Literal[
     "cold_and_warm",
     "repeated",
 ]
-"""Experiments that show an effect, or tell it from others: constant speeds both ways, slow and fast; a slow sweep over
-the range, both ways; slow motion back and forth by growing amplitudes; all joints over the whole range, and the same
-with what was added left on; one path at several paces; one motion without and with a payload, cold and warm, or
-repeated."""
+"""Experiments that show an effect or distinguish it from others.
+
+In this order: constant speeds both ways, slow and fast; a slow sweep over the range, both ways; slow motion back and
+forth with growing amplitudes; all joints over the whole range; the same with an added load left on; one path at several
+paces; one motion without and with a payload; one motion cold and warm; one motion repeated."""
 
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """One parameter of an effect. `unit` is for a revolute joint; `prismatic_unit` where it differs.
+    """One parameter of an effect.
 
-    `positive`: nature allows no other sign. `resists`: its torque opposes the motion; a robot on which it were below
-    zero would run away, so that none can be simulated. A size below `least` nobody would notice; one above `most` is
-    none that nature makes; between two days it differs by no more than `most_change`. `role`: what it is to those who
-    write models down or predict torque; None: no more than a parameter of its effect.
+    Attributes
+    ----------
+    name, unit, description : str
+        The unit is for a revolute joint.
+    prismatic_unit : str
+        Unit on a prismatic joint, where it differs.
+    positive : bool
+        The parameter cannot be negative in nature.
+    resists : bool
+        Its torque opposes the motion: a robot with a negative value would run away and cannot be simulated.
+    least, most : float
+        A size below `least` is not noticeable, one above `most` does not occur.
+    most_change : float
+        Largest difference between two days.
+    role : Role, optional
+        Meaning for code that writes models down or predicts torque.
     """
 
     name: str
@@ -74,16 +87,19 @@ class ParameterSpec:
     resists: bool = False
     role: Role | None = None
 
-    def admits(self, found: Estimate) -> bool:
-        """Whether an estimate has a sign, and is no larger than, nature allows."""
-        return not (self.positive and found.value < -found.doubt) and abs(found.value) <= self.most + found.doubt
+    def admits(self, estimate: Estimate) -> bool:
+        """Return whether sign and size of an estimate are possible in nature, within its uncertainty."""
+        return (
+            not (self.positive and estimate.value < -estimate.doubt)
+            and abs(estimate.value) <= self.most + estimate.doubt
+        )
 
-    def may_change_by(self, found: Estimate) -> bool:
-        """Whether an estimated difference between two days, of either sign, is no larger than such a thing changes."""
-        return abs(found.value) <= self.most_change + found.doubt
+    def may_change_by(self, difference: Estimate) -> bool:
+        """Return whether an estimated difference between two days, of either sign, is of a possible size."""
+        return abs(difference.value) <= self.most_change + difference.doubt
 
     def unit_on(self, kind: str) -> str:
-        """The parameter's unit on a joint of this kind."""
+        """Return the parameter's unit on a joint of this kind."""
         return self.prismatic_unit if kind == "prismatic" and self.prismatic_unit else self.unit
 
 
@@ -92,13 +108,13 @@ Proposal = Literal["grid", "angle_spectrum", "time_spectrum", "burst"]
 
 @dataclass(frozen=True)
 class Refinement:
-    """How a shape constant is searched for around a first value: in equal ratios (step in octaves) or equal steps."""
+    """Steps of the search for a shape constant around a first value: equal ratios (in octaves) or equal steps."""
 
     step: float
     in_octaves: bool = False
 
     def moved(self, value: float, steps: float) -> float:
-        """The value so many steps on."""
+        """Return the value `steps` steps further."""
         return value * 2.0 ** (self.step * steps) if self.in_octaves else value + self.step * steps
 
 
@@ -110,14 +126,31 @@ RATIO = Refinement(0.25, in_octaves=True)
 class ShapeSpec:
     """A constant inside an effect's columns, searched for rather than solved for.
 
-    `default` is used where nobody chose a value. `proposal` says where candidates come from: a fixed grid (`grid`), or
-    lines in the spectrum of the residual over the joint's angle or over time, or the stretch of time where the residual
-    is far above the rest. A constant is above zero unless it is `signed`, and zero only where it
-    `may_be_zero`; it is not searched for below `least`. `resolved_by` names what a filtered position must still resolve
-    for the constant to show: the displacement around a reversal, the travel since a halt, or the speed.
-    `refined`: how a first value is improved; None: it is not. `is_whole`: up to `least` only whole numbers make sense.
-    `natural` values are kept where they are as good. `words`: what the values of a constant mean that is no quantity
-    but a choice between kinds.
+    Attributes
+    ----------
+    name, unit, description : str
+    default : float
+        Used where nobody chose a value.
+    proposal : {"grid", "angle_spectrum", "time_spectrum", "burst"}
+        Source of candidates: a fixed grid; lines in the spectrum of the residual over the joint's angle or over time;
+        or the interval of time in which the residual is far above the rest.
+    relative_to_velocity : bool
+        The constant is a velocity, which scales with the joint's limit.
+    signed, may_be_zero : bool
+        A constant is positive unless it is signed or may be zero.
+    least : float
+        The search does not go below.
+    resolved_by : {"displacement", "travel", "speed"}, optional
+        What a filtered position must still resolve for the constant to show: the displacement around a reversal, the
+        travel since a halt, or the speed.
+    refined : Refinement, optional
+        How a first value is improved.
+    is_whole : bool
+        Up to `least` only whole numbers make sense.
+    natural : tuple of float
+        Values that are preferred if they fit as well.
+    words : tuple of (float, str)
+        Meaning of values, for a constant that is a choice between kinds and not a quantity.
     """
 
     name: str
@@ -136,28 +169,28 @@ class ShapeSpec:
     words: tuple[tuple[float, str], ...] = ()
 
     def word(self, value: float) -> str | None:
-        """What a value means, where the constant is a choice between kinds; None where it is a number."""
-        return min(self.words, key=lambda known: abs(known[0] - value))[1] if self.words else None
+        """Return the meaning of a value if the constant is a choice between kinds; None if it is a number."""
+        return min(self.words, key=lambda meaning: abs(meaning[0] - value))[1] if self.words else None
 
     def told(self, value: float, digits: str = ".3g") -> str:
-        """The constant for people to read: "d0 = 0.002 rad", "law: dahl"."""
+        """Return the constant as text for people: "d0 = 0.002 rad", "law: dahl"."""
         word = self.word(value)
         if word is not None:
             return f"{self.name}: {word}"
         return f"{self.name} = {value:{digits}}{'' if self.unit == '-' else ' ' + self.unit}"
 
     def sensible(self, value: float) -> tuple[float, ...]:
-        """The value, or the whole numbers on either side of it where there is none between."""
+        """Return the value, or the whole numbers on both sides of it where only whole numbers make sense."""
         if not self.is_whole or value > self.least:
             return (value,)
         return tuple(dict.fromkeys((float(math.floor(value)), float(math.ceil(value)))))
 
     def is_refined(self, value: float) -> bool:
-        """Whether better values are searched for around this one."""
+        """Return whether the search looks for better values around this one."""
         return self.refined is not None and not (self.is_whole and value <= self.least)
 
     def admits(self, value: float) -> bool:
-        """Whether a value makes sense for this constant."""
+        """Return whether a value makes sense for this constant."""
         if value == 0:
             return self.may_be_zero
         return math.isfinite(value) and (self.signed or value > 0)
@@ -167,10 +200,10 @@ class ShapeSpec:
 class Column:
     """One column of W: the torque (n, 1) on every joint for a unit value of its parameter.
 
-    `name` is the parameter's name with the joint's number behind it, as in [12.1] ("ZZ2", "Fc3"). `energy` gives the
-    row (1, 1) of stored energy, where the effect stores any, and `wrench` the reaction (6, 1) of the base, where it is
-    known: both called only by models that need them. In another process it has its names alone: what evaluates it is
-    made from the expressions before.
+    `name` is the parameter's name followed by the joint's number, as in [12.1] ("ZZ2", "Fc3"). `energy` returns the row
+    (1, 1) of stored energy, where the effect stores any, and `wrench` the reaction (6, 1) of the base, where it is
+    known; only models that need them call these. A pickled column has no expressions: functions are compiled from them
+    before it is sent to another process.
     """
 
     effect: str
@@ -190,28 +223,53 @@ class Column:
 
     @property
     def key(self) -> tuple[str, str, tuple[tuple[str, float], ...], tuple[str, ...]]:
-        """What tells two columns of one robot apart."""
+        """Key that is unique among the columns of one robot."""
         return (self.effect, self.name, self.shape, self.runs)
 
 
 class Effect(ABC):
-    """A physical cause of joint torque, linear in its parameters once its shape constants stand.
+    """A physical cause of joint torque that is linear in its parameters for given shape constants.
 
-    `is_inertia`: the links' and rotors' own, which are the robot itself. `of_position`: a function of positions and the
-    direction. `first_order`: a sensitivity of the predicted torque. `needs_session`: it changes with the time of the
-    session. `is_rough`: its formula only resembles what it stands for. `pulls_on_each`: it acts on all joints that it
-    reaches, and on each by enough to be seen there. `sits_on`: where some joints follow others,
-    links hang on all joints of the tree, motors on the driven ones alone. `in_some_runs`: it is the same function as
-    the model itself unless it is in some of the runs only. `holds_at_rest`: all of its one parameter holds a joint that
-    stands, whatever its shape constants, of which one says how fast it falls off. `acts_at_rest`: poses at which the
-    robot stands tell its parameters, of links those of gravity. `may_change`: a robot gets it, or
-    more or less of it, from one day to the next, `changes_with` names effects that then change, too, as a rule;
-    `seldom_changes`: what is more usual and says as much takes the name. `shown_by` names parameters of which one at
-    least has to act for the effect to be told by. `confused_with` names effects that leave much the same residual,
-    `same_function` those that are the same function of the motion, so that no data can tell them apart, `covers` those
-    that it is general enough to say as well. `experiment` shows the effect, `place_experiment` where it is, and
-    `told_from` gives, by experiment, the effects that it tells this one from: a pair stands with one of the two.
-    `often_missed`: its place among what most arms have and models lack, 1 first.
+    Attributes
+    ----------
+    id, title, formula, signature, sources
+        Name in the catalogue, title, LaTeX formula, what the residual looks like without the effect, literature.
+    parameters, shapes
+        Specifications of its parameters and shape constants.
+    confused_with, same_function, covers
+        Effects that leave much the same residual; those that are the same function of the motion, so that no data
+        distinguish them; those that this one is general enough to include.
+    scope, sits_on
+        Whether it belongs to joints or the whole robot; and where some joints follow others, to any joint, to links
+        (all joints of the tree) or to motors (the driven joints).
+    is_inertia, is_friction
+        Inertia of links and rotors, which are the robot itself; friction.
+    is_rough
+        The formula only resembles the physical cause.
+    pulls_on_each
+        It acts noticeably on each of the joints that it reaches.
+    of_position
+        A function of positions and directions of motion only.
+    first_order
+        A sensitivity of the predicted torque.
+    needs_load, needs_temperature, needs_session
+        It depends on the predicted load, on the joint's temperature, on the time of the session.
+    in_some_runs
+        It is the same function as the model itself unless it is in some of the runs only.
+    holds_at_rest
+        All of its one parameter holds a joint at rest, whatever its shape constants.
+    acts_at_rest
+        Recordings at rest determine its parameters; of links, those of gravity.
+    may_change, changes_with, seldom_changes
+        It may change from one day to the next; effects that then usually change as well; a more usual effect with the
+        same consequences is named instead of it.
+    shown_by
+        Parameters of which at least one has to act for the effect to be recognised.
+    experiment, place_experiment, told_from
+        Experiment that shows the effect; one that shows where it is; and by experiment, the effects that it then can be
+        distinguished from (each pair is listed with one of the two).
+    often_missed
+        Rank among the effects that most arms have and models lack, 1 first.
     """
 
     id: ClassVar[str]
@@ -254,62 +312,78 @@ class Effect(ABC):
 
     @abstractmethod
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Columns of this effect on the joints with these indices (ignored where the scope is the robot)."""
+        """Return the columns of this effect.
+
+        Parameters
+        ----------
+        signals : Signals
+            Symbols that the columns are expressions of.
+        joints : sequence of int
+            Indices of joints; ignored where the scope is the robot.
+        shape : mapping of name to value
+            Shape constants; missing ones have their defaults.
+
+        Returns
+        -------
+        list of Column
+        """
 
     def applicable(self, robot: Robot) -> tuple[int, ...]:
-        """Indices of the joints that the effect may sit on."""
+        """Return the indices of the joints that the effect can act on."""
         return tuple(range(robot.n))
 
     def unless_named(self, robot: Robot) -> tuple[int, ...]:
-        """Indices of the joints that it sits on where none is named: all that it may."""
+        """Return the indices of the joints that it acts on where none is named: by default all possible ones."""
         return self.applicable(robot)
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """Shape constants worth trying on a joint, most plausible first."""
+        """Return shape constants worth trying on a joint, most plausible first."""
         return [{spec.name: spec.default for spec in self.shapes}]
 
     def at_starts(self, shape: Mapping[str, float]) -> bool:
-        """Whether this is friction that shows where its joint starts and stops: at low speed, or after a halt."""
+        """Return whether this is friction that shows where the joint starts and stops: at low speed or after a halt."""
         return False
 
     def steep_at_rest(self, shape: Mapping[str, float]) -> bool:
-        """Whether this is a law of the speed that rises from rest, the steeper the slower the joint moves."""
+        """Return whether this is a function of the speed that is steepest at rest."""
         return False
 
     def usual(self, robot: Robot, joint: int) -> Usual | None:
-        """How large it is on a joint of a real arm (any, where the scope is the robot); None: nobody knows."""
+        """Return its usual size on a joint of a real arm (any, if the scope is the robot); None if it is not known."""
         return None
 
     def held_in(self, roles: Collection[Role]) -> bool:
-        """Whether a format that has words for parameters with these roles can hold the effect whole."""
+        """Return whether a file format for parameters with these roles can hold the whole effect."""
         return all(spec.role in roles for spec in self.parameters)
 
     @property
     def is_transient(self) -> bool:
-        """Whether it acts for one stretch of time."""
+        """Whether it acts in one interval of time only."""
         return self.proposal == "burst"
 
     def natural(self, estimates: Mapping[str, Estimate]) -> bool:
-        """Whether nature makes an effect on one joint with these parameters, by name, and anybody would notice it.
+        """Return whether estimates on one joint, by parameter, are possible in nature and large enough to notice.
 
         Where several parameters have a least size, one of them has to reach its own.
         """
-        return self._noticed(estimates) and all(spec.admits(found) for spec, found in self._known(estimates))
+        return self._noticed(estimates) and all(spec.admits(estimate) for spec, estimate in self._known(estimates))
 
     def may_change_so(self, estimates: Mapping[str, Estimate]) -> bool:
-        """The same of differences between two days: of either sign, but noticed, and no larger than they come to be."""
-        return self._noticed(estimates) and all(spec.may_change_by(found) for spec, found in self._known(estimates))
+        """Return whether differences between two days, by parameter, are noticeable and of possible size."""
+        return self._noticed(estimates) and all(
+            spec.may_change_by(difference) for spec, difference in self._known(estimates)
+        )
 
     def _noticed(self, estimates: Mapping[str, Estimate]) -> bool:
-        sizes = [abs(found.value) >= spec.least for spec, found in self._known(estimates) if spec.least > 0]
+        sizes = [abs(estimate.value) >= spec.least for spec, estimate in self._known(estimates) if spec.least > 0]
         return not sizes or any(sizes)
 
     def _known(self, estimates: Mapping[str, Estimate]) -> list[tuple[ParameterSpec, Estimate]]:
         return [(spec, estimates[spec.name]) for spec in self.parameters if spec.name in estimates]
 
-    def shape_with_defaults(self, given: Mapping[str, float]) -> dict[str, float]:
-        """The given shape constants, completed by the defaults."""
-        return {spec.name: float(given.get(spec.name, spec.default)) for spec in self.shapes}
+    def shape_with_defaults(self, chosen: Mapping[str, float]) -> dict[str, float]:
+        """Return the chosen shape constants, completed by the defaults."""
+        return {spec.name: float(chosen.get(spec.name, spec.default)) for spec in self.shapes}
 
     def _column(
         self,
@@ -320,7 +394,7 @@ class Effect(ABC):
         shape: Mapping[str, float] | None = None,
         energy: Callable[[], ca.SX] | None = None,
     ) -> Column:
-        """A column whose torque acts on one joint; `torque` is (1, 1)."""
+        """Return a column whose torque acts on one joint; `torque` is (1, 1)."""
         rows = ca.SX(signals.robot.n, 1)
         rows[joint] = torque
         return self._reaching_column(signals, parameter, joint, rows, shape, energy)
@@ -334,7 +408,7 @@ class Effect(ABC):
         shape: Mapping[str, float] | None = None,
         energy: Callable[[], ca.SX] | None = None,
     ) -> Column:
-        """A column of one joint's parameter whose torque (n, 1) may act on any joint."""
+        """Return a column of one joint's parameter whose torque (n, 1) may act on any joint."""
         described = signals.robot.joints[joint]
         return Column(
             effect=self.id,
@@ -353,7 +427,7 @@ class Effect(ABC):
         torque: ca.SX,
         shape: Mapping[str, float] | None = None,
     ) -> Column:
-        """A column of the whole robot; `torque` is (n, 1)."""
+        """Return a column of the whole robot; `torque` is (n, 1)."""
         return Column(
             effect=self.id,
             parameter=parameter.name,
@@ -366,8 +440,9 @@ class Effect(ABC):
 
 
 def geometric_grid(first: float, last: float, factor: float) -> list[float]:
-    """Values from `first` to at most `last`, each `factor` times the one before."""
+    """Return values from `first` to at most `last`, each `factor` times the one before."""
     values = [first]
+    # The tolerance keeps a last value that rounding has moved just beyond the end.
     while values[-1] * factor <= last * (1 + 1e-9):
         values.append(values[-1] * factor)
     return values

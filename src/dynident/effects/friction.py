@@ -30,11 +30,11 @@ class _OneColumnFriction(Effect):
     is_friction: ClassVar[bool] = True
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
-        """The torque (1, 1) for a unit parameter."""
+        """Return the torque (1, 1) for a unit parameter."""
         raise TypeError(f"{type(self).__name__} gives no expression")
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """One column a joint."""
+        """Return one column a joint."""
         constants = self.shape_with_defaults(shape)
         return [
             self._column(signals, self.parameters[0], j, self.expression(signals, j, constants), constants)
@@ -56,11 +56,11 @@ class Coulomb(_OneColumnFriction):
     changes_with = ("viscous",)
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """Some per cent of the largest torque."""
+        """Return the usual size: some per cent of the largest torque."""
         return Usual({"Fc": usual_coulomb(robot, joint)})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
-        """sign(q̇)."""
+        """Return sign(q̇)."""
         return signals.sign[joint]
 
 
@@ -82,18 +82,18 @@ class CoulombAsymmetric(Effect):
     is_friction = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """A third of the usual friction, one way."""
+        """Return the usual size: a third of the usual friction, one way."""
         torque = largest_torque(robot, joint)
         return Usual({"Fcp": 0.3 * COULOMB_SHARE * torque, "Fcn": 0.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """A column for each direction."""
-        made = []
+        """Return a column for each direction."""
+        columns = []
         for j in joints:
             forward = 0.5 * (1 + signals.sign[j])
             for spec, torque in zip(self.parameters, (forward, forward - 1), strict=True):
-                made.append(self._column(signals, spec, j, torque))
-        return made
+                columns.append(self._column(signals, spec, j, torque))
+        return columns
 
 
 class Viscous(_OneColumnFriction):
@@ -112,11 +112,11 @@ class Viscous(_OneColumnFriction):
     changes_with = ("coulomb",)
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """Some per cent of the largest torque at full speed."""
+        """Return the usual size: some per cent of the largest torque at full speed."""
         return Usual({"Fv": usual_viscous(robot, joint)})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
-        """q̇."""
+        """Return q̇."""
         return signals.dq[joint]
 
 
@@ -135,12 +135,12 @@ class ViscousAsymmetric(_OneColumnFriction):
     told_from = MappingProxyType({"constant_speeds": ("offset", "coulomb_asymmetric", "viscous_nonlinear")})
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """A third of the usual friction."""
+        """Return the usual size: a third of the usual friction."""
         torque = largest_torque(robot, joint)
         return Usual({"Fva": 0.3 * VISCOUS_SHARE * torque / velocity_scale(robot, joint)})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
-        """|q̇|."""
+        """Return |q̇|."""
         return ca.fabs(signals.dq[joint])
 
 
@@ -168,23 +168,24 @@ class Stribeck(_OneColumnFriction):
     often_missed = 3
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """More than half of the usual Coulomb friction, at some per cent of the speed."""
+        """Return the usual size: more than half of the usual Coulomb friction, at some per cent of the speed."""
         torque = largest_torque(robot, joint)
         return Usual({"Fst": 0.6 * COULOMB_SHARE * torque}, {"vs": 0.03 * velocity_scale(robot, joint)})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
-        """exp(-|q̇/vs|^δ) sign(q̇)."""
+        """Return exp(-|q̇/vs|^δ) sign(q̇)."""
         ratio = signals.dq[joint] / shape["vs"]
         delta = shape["delta"]
+        # A product takes less time than a power, and 2 is the usual exponent.
         power = ratio * ratio if delta == 2.0 else ca.fabs(ratio) ** delta
         return ca.exp(-power) * signals.sign[joint]
 
     def at_starts(self, shape: Mapping[str, float]) -> bool:
-        """It is friction at low speed."""
+        """Return True: it is friction at low speed."""
         return True
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """Stribeck velocities from 0.4 % to 13 % of the joint's velocity limit, bell-shaped and pointed."""
+        """Return Stribeck velocities from 0.4 % to 13 % of the joint's velocity limit, bell-shaped and pointed."""
         speeds = geometric_grid(0.004 * velocity_scale(robot, joint), 0.13 * velocity_scale(robot, joint), 2.0)
         return [{"vs": v, "delta": delta} for delta in (2.0, 1.0) for v in speeds]
 
@@ -206,25 +207,25 @@ class ViscousNonlinear(_OneColumnFriction):
     often_missed = 5
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """Some per cent of the largest torque at half the speed."""
+        """Return the usual size: some per cent of the largest torque at half the speed."""
         half = velocity_scale(robot, joint) / 2
         return Usual({"Fvn": 0.06 * largest_torque(robot, joint) / half**2}, {"p": 2.0})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
-        """|q̇|^p sign(q̇)."""
+        """Return |q̇|^p sign(q̇)."""
         magnitude = ca.fabs(signals.dq[joint])
         return magnitude ** shape["p"] * signals.sign[joint]
 
     def at_starts(self, shape: Mapping[str, float]) -> bool:
-        """A power below one is steepest where the joint starts."""
+        """Return whether the power is below one: then it is steepest where the joint starts."""
         return self.steep_at_rest(shape)
 
     def steep_at_rest(self, shape: Mapping[str, float]) -> bool:
-        """A power below one is."""
+        """Return whether the power is below one."""
         return shape["p"] < 1.0
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """Exponents below and above one."""
+        """Return exponents below and above one."""
         return [{"p": p} for p in (2.0, 0.5, 3.0)]
 
 
@@ -252,15 +253,15 @@ class LoadDependentFriction(_OneColumnFriction):
     often_missed = 2
     needs_load = True
     may_change = True
-    # Where the load hardly varies, Coulomb friction says the same.
+    # Where the load hardly varies, Coulomb friction explains the same torque.
     seldom_changes = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """That of harmonic drives."""
+        """Return the usual size: that of harmonic drives."""
         return Usual({"cl": 0.08})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
-        """|τl| sign(q̇)."""
+        """Return |τl| sign(q̇)."""
         return ca.fabs(signals.load[joint]) * signals.sign[joint]
 
 
@@ -284,25 +285,25 @@ class PositionDependentFriction(Effect):
     of_position = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """A third of the usual Coulomb friction, once a turn."""
+        """Return the usual size: a third of the usual Coulomb friction, once a turn."""
         torque = largest_torque(robot, joint)
         values = {"Fpc": 0.3 * COULOMB_SHARE * torque, "Fps": 0.2 * COULOMB_SHARE * torque}
         return Usual(values, {"k": 1.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """A cosine and a sine column a joint."""
+        """Return a cosine and a sine column a joint."""
         constants = self.shape_with_defaults(shape)
-        made = []
+        columns = []
         for j in joints:
             angle = constants["k"] * signals.q[j]
             for spec, wave in zip(self.parameters, (ca.cos(angle), ca.sin(angle)), strict=True):
-                made.append(self._column(signals, spec, j, wave * signals.sign[j], constants))
-        return made
+                columns.append(self._column(signals, spec, j, wave * signals.sign[j], constants))
+        return columns
 
     def applicable(self, robot: Robot) -> tuple[int, ...]:
-        """Revolute joints."""
+        """Return revolute joints."""
         return tuple(j for j, joint in enumerate(robot.joints) if joint.kind == "revolute")
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """One to six cycles a turn."""
+        """Return one to six cycles a turn."""
         return [{"k": float(k)} for k in (1, 2, 3, 4, 6)]

@@ -14,27 +14,27 @@ from dynident.effects.sizes import Usual, usual_coulomb, usual_viscous
 from dynident.robot.model import Robot
 
 REFERENCE_TEMPERATURE = 25.0
-"""degC at which the friction is what `viscous` and `coulomb` say."""
+"""Temperature in °C at which the friction is that of `viscous` and `coulomb` alone."""
 
 
 class _DriftingFriction(Effect):
-    """Viscous and Coulomb friction, both times one factor that changes in time."""
+    """Viscous and Coulomb friction times a common factor that changes in time."""
 
     is_friction: ClassVar[bool] = True
 
     def factor(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
-        """The factor (1, 1)."""
+        """Return the factor (1, 1)."""
         raise TypeError(f"{type(self).__name__} gives no factor")
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """A viscous and a Coulomb column a joint."""
+        """Return a viscous and a Coulomb column a joint."""
         constants = self.shape_with_defaults(shape)
-        made = []
+        columns = []
         for j in joints:
             factor = self.factor(signals, j, constants)
             for spec, torque in zip(self.parameters, (signals.dq[j], signals.sign[j]), strict=True):
-                made.append(self._column(signals, spec, j, factor * torque, constants))
-        return made
+                columns.append(self._column(signals, spec, j, factor * torque, constants))
+        return columns
 
 
 class TemperatureFriction(_DriftingFriction):
@@ -55,11 +55,11 @@ class TemperatureFriction(_DriftingFriction):
     needs_temperature = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """A per cent or two of the usual friction for every kelvin."""
+        """Return the usual size: a per cent or two of the usual friction for every kelvin."""
         return Usual({"Fvt": -0.02 * usual_viscous(robot, joint), "Fct": -0.01 * usual_coulomb(robot, joint)})
 
     def factor(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
-        """T - 25 °C."""
+        """Return T - 25 °C."""
         return signals.temperature[joint] - REFERENCE_TEMPERATURE
 
 
@@ -82,14 +82,14 @@ class WarmUpFriction(_DriftingFriction):
     told_from = MappingProxyType({"cold_and_warm": ("viscous",)})
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """Half of the usual friction, gone in a quarter of an hour."""
+        """Return the usual size: half of the usual friction, gone in a quarter of an hour."""
         values = {"Fvw": 0.6 * usual_viscous(robot, joint), "Fcw": 0.3 * usual_coulomb(robot, joint)}
         return Usual(values, {"Tw": 900.0})
 
     def factor(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
-        """exp(-t / Tw)."""
+        """Return exp(-t / Tw)."""
         return ca.exp(-signals.time / shape["Tw"])
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """Time constants from half a minute to two hours."""
+        """Return time constants from half a minute to two hours."""
         return [{"Tw": value} for value in geometric_grid(30.0, 7680.0, 4.0)]

@@ -1,4 +1,4 @@
-"""Gears that give: play between their teeth, and elasticity; by first-order sensitivity of the predicted torque."""
+"""Backlash and elasticity of gears, by first-order sensitivity of the predicted torque."""
 
 from __future__ import annotations
 
@@ -42,16 +42,18 @@ class Backlash(Effect):
     needs_load = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """A tenth of a degree, or a fifth of a millimetre."""
+        """Return the usual size: a tenth of a degree, or a fifth of a millimetre."""
         play = 2e-3 if robot.joints[joint].kind == "revolute" else 0.2e-3
         return Usual({"bl": play, "bi": play}, {"w": 0.04 * largest_torque(robot, joint)})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Three columns a joint: of the posture and the links' acceleration on all joints, of the rotor on its own."""
+        """Return three columns a joint: by posture and by acceleration of the links, and by the rotor's inertia."""
         constants = self.shape_with_defaults(shape)
         predicted, width = signals.predicted, constants["w"]
-        made = []
+        columns = []
         for j in joints:
+            # β = b/2 tanh(τ/w) lags behind the load. Its second time derivative needs those of tanh: with
+            # s = tanh(τ/w), s' = (1 - s²)/w and s'' = -2 s s'/w.
             side = ca.tanh(predicted.load[j] / width)
             slope = (1 - side * side) / width
             jerk = slope * predicted.load_acceleration[j] - 2 * side * slope / width * predicted.load_rate[j] ** 2
@@ -59,32 +61,32 @@ class Backlash(Effect):
             rotor[j] = -0.5 * jerk
             torques = (-0.5 * predicted.load_over_position[:, j] * side, -0.5 * predicted.mass[:, j] * jerk, rotor)
             for spec, torque in zip(self.parameters, torques, strict=True):
-                made.append(self._reaching_column(signals, spec, j, torque, constants))
-        return made
+                columns.append(self._reaching_column(signals, spec, j, torque, constants))
+        return columns
 
     def natural(self, estimates: Mapping[str, Estimate]) -> bool:
-        """Whether all columns tell of one play, at the motor or at the link."""
+        """Return whether the estimates agree on one play, measured at the motor or at the link."""
         return super().natural(estimates) and _on_one_side(*map(estimates.get, ("bl", "bi", "br")))
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """Half a per cent and 4 % of the joint's effort limit."""
+        """Return half a per cent and 4 % of the joint's effort limit."""
         effort = largest_torque(robot, joint)
         return [{"w": 0.005 * effort}, {"w": 0.04 * effort}]
 
 
 def _on_one_side(posture: Estimate | None, links: Estimate | None, rotor: Estimate | None) -> bool:
-    """Whether estimates of one gear that gives tell where its position is measured.
+    """Return whether estimates of one gear are consistent with a position measured at the motor or at the link.
 
-    At the motor the link lags behind: posture and the links' inertia tell of the same, to within a factor of two, and
-    the rotor of nothing. At the link it is the rotor that has to catch up, and the links tell of nothing.
+    At the motor, the link lags behind: posture and inertia of the links give the same value within a factor of two, and
+    the rotor gives none. At the link, the rotor has to catch up, and the links give none.
     """
-    lagging = [one for one in (posture, links) if one is not None]
-    seen = [one.value > one.doubt for one in lagging]
+    lagging = [estimate for estimate in (posture, links) if estimate is not None]
+    is_significant = [estimate.value > estimate.doubt for estimate in lagging]
     rotor_seen = rotor is not None and abs(rotor.value) > rotor.doubt
     if rotor_seen and rotor is not None:
-        return rotor.value > 0 and not any(abs(one.value) > one.doubt for one in lagging)
-    sizes = [one.value for one in lagging]
-    return bool(lagging) and all(seen) and max(sizes) <= 2.0 * min(sizes)
+        return rotor.value > 0 and not any(abs(estimate.value) > estimate.doubt for estimate in lagging)
+    sizes = [estimate.value for estimate in lagging]
+    return bool(lagging) and all(is_significant) and max(sizes) <= 2.0 * min(sizes)
 
 
 class JointElasticity(Effect):
@@ -114,18 +116,18 @@ class JointElasticity(Effect):
     needs_load = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """That of a harmonic drive."""
+        """Return the usual size: that of a harmonic drive."""
         compliance = 1 / (_STIFFNESS * largest_torque(robot, joint))
         return Usual({"Ce": compliance, "Cl": compliance})
 
     def natural(self, estimates: Mapping[str, Estimate]) -> bool:
-        """Whether all columns tell of one compliance, at the motor or at the link."""
+        """Return whether the estimates agree on one compliance, measured at the motor or at the link."""
         return super().natural(estimates) and _on_one_side(*map(estimates.get, ("Ce", "Cl", "Cr")))
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Three columns a joint."""
+        """Return three columns a joint."""
         predicted = signals.predicted
-        made = []
+        columns = []
         for j in joints:
             rotor = ca.SX(signals.robot.n, 1)
             rotor[j] = predicted.load_acceleration[j]
@@ -135,5 +137,5 @@ class JointElasticity(Effect):
                 rotor,
             )
             for spec, torque in zip(self.parameters, torques, strict=True):
-                made.append(self._reaching_column(signals, spec, j, torque))
-        return made
+                columns.append(self._reaching_column(signals, spec, j, torque))
+        return columns

@@ -1,4 +1,4 @@
-"""A description that is wrong: joints whose zero or whose place is not where it says."""
+"""Errors of the geometry in a description: zero positions of joints, and places of joints."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class EncoderZeroError(Effect):
     may_change = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """Two degrees, or three millimetres."""
+        """Return the usual size: two degrees, or three millimetres."""
         return Usual({"dq0": 0.03 if robot.joints[joint].kind == "revolute" else 3e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """The sensitivity of all joints' torque to the position of each."""
+        """Return the sensitivity of all joints' torque to the position of each."""
         slope = signals.predicted.load_over_position
         return [self._reaching_column(signals, self.parameters[0], j, slope[:, j]) for j in joints]
 
@@ -59,11 +59,11 @@ class KinematicError(Effect):
     needs_load = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """Some millimetres."""
+        """Return the usual size: some millimetres."""
         return Usual({"dx": 8e-3, "dy": -5e-3, "dz": 4e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Three columns a joint."""
+        """Return three columns a joint."""
         slope = signals.predicted.load_over_origins
         return [
             self._reaching_column(signals, spec, j, slope[:, 3 * j + k])

@@ -1,7 +1,7 @@
-"""Machines whose joints are not all free: from the driven joints' signals to those of the tree, and its torque back.
+"""Machines with dependent joints: motion of the tree from that of the driven joints, and its torque back to them.
 
-Γ = Gᵀ Γ_tree with G = ∂q/∂q_a. Columns are made of the tree's own signals, as for any robot, and seen from the driven
-joints; what an effect on a driven joint is a function of, load and motor torque, is that of the driven joint.
+Γ = Gᵀ Γ_tree with G = ∂q/∂q_a. Columns are built from the signals of the tree, as for any robot, and then projected to
+the driven joints. Effects on a driven joint depend on the load and motor torque of that driven joint.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from dynident.robot.model import Robot
 
 @dataclass(frozen=True, eq=False)
 class OpenMotion:
-    """Motion of all joints of the tree, SX (N, 1): of the driven joints' q, dq, ddq, … SX (n, 1) and of symbols for x.
+    """Motion SX (N, 1) of all joints of the tree as expressions of driven motion SX (n, 1) and of symbols for x.
 
-    With symbols for the passive positions, nothing is differentiated through what they are found by.
+    Symbols stand for the passive positions x, so that no derivative goes through the expressions that solve for them.
     """
 
     linkage: Linkage
@@ -69,16 +69,16 @@ class OpenMotion:
         return self._derivative(3)
 
     def lowered(self, torque: ca.SX) -> ca.SX:
-        """Gᵀ Γ_tree SX (n, k) of torques of the tree's joints SX (N, k)."""
+        """Return Gᵀ Γ_tree SX (n, k) of torques of the tree's joints SX (N, k)."""
         return ca.sparsify(ca.mtimes(self.jacobian.T, torque))
 
     def closed(self, expression: ca.SX) -> ca.SX:
-        """An expression of the driven joints' motion and the symbols of x as one of the former alone."""
+        """Return an expression of driven motion and the symbols of x as an expression of driven motion alone."""
         closure = self.linkage.closure
         return expression if closure is None else closure.closed(expression, self.derivatives[0])
 
     def _derivative(self, order: int) -> ca.SX:
-        """The derivative SX (N, 1) after the velocity (1), and the ones that follow."""
+        """Return the time derivative SX (N, 1) of order + 1: acceleration for 1, jerk for 2, …."""
         free = self.derivatives[order + 1]
         if self.linkage.closure is not None:
             free = ca.vertcat(free, self._of_passive(self.linkage.closure, order))
@@ -88,14 +88,15 @@ class OpenMotion:
         driven, x = closure.symbols
         names = ("dqa", "ddqa", "dddqa", "ddddqa")
         rates = [ca.SX.sym(name, closure.n) for name in names[: order + 1]]
-        known = [driven, *rates[:-1]]
+        state_symbols = [driven, *rates[:-1]]
+        # Differentiate ẍ(q_a, x, q̇_a, q̈_a) in time by the chain rule, once for every order above the acceleration.
         value = closure.accelerations(driven, x, rates[0], rates[1])
         moving = ca.mtimes(closure.rates(driven, x), rates[0])
         for count in range(1, order):
-            state, change = ca.vertcat(*known[: count + 2], x), ca.vertcat(*rates[: count + 2], moving)
+            state, change = ca.vertcat(*state_symbols[: count + 2], x), ca.vertcat(*rates[: count + 2], moving)
             value = ca.jtimes(value, state, change)
-        given = [ca.densify(one) for one in self.derivatives[: order + 2]]
-        return ca.substitute([value], [driven, *rates], given)[0]
+        derivatives = [ca.densify(derivative) for derivative in self.derivatives[: order + 2]]
+        return ca.substitute([value], [driven, *rates], derivatives)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,12 +147,12 @@ class TreeMotion:
         return self._open.closed(self._open.ddddq)
 
     def lowered(self, torque: ca.SX) -> ca.SX:
-        """Gᵀ Γ_tree SX (n, k) of torques of the tree's joints SX (N, k)."""
+        """Return Gᵀ Γ_tree SX (n, k) of torques of the tree's joints SX (N, k)."""
         return ca.sparsify(ca.mtimes(self.jacobian.T, torque))
 
 
 def all_positions(robot: Robot, q: ca.SX) -> ca.SX:
-    """Positions SX of the driven joints, and behind them of those that follow: `Robot.positions` as an expression."""
+    """Return the positions SX of the driven joints, then of those that follow: `Robot.positions` as an expression."""
     if robot.linkage is None:
         return q
     return ca.vertcat(q, TreeMotion(robot.linkage, (q,)).q[list(robot.linkage.passive)])
@@ -199,7 +200,10 @@ def torque_of_links(
     inertia: ca.SX,
     shift: ca.SX | None = None,
 ) -> ca.SX:
-    """`inverse_dynamics` in the space of the driven joints: inertia SX (10 N, 1), shift SX (3, N)."""
+    """Return the torque of the links SX (n, 1) in the space of the driven joints.
+
+    The arguments are those of `inverse_dynamics`, with inertia SX (10 N, 1) and shift SX (3, N) of the tree.
+    """
     if robot.linkage is None:
         return inverse_dynamics(robot, q, dq, ddq, gravity, inertia, shift)
     motion = OpenMotion(robot.linkage, (q, dq, ddq))

@@ -1,8 +1,8 @@
 """Rigid-body mechanics of a robot as CasADi expressions, linear in the standard inertial parameters.
 
-Two independent derivations stand side by side: the rows of the dynamic model [12.18] by a velocity recursion (short,
-used in the hot path) and the rows of the kinetic and potential energy [12.33]-[12.34] (the single source of the
-filtered, energy and power models). Tests hold one against the other and both against Pinocchio.
+There are two independent derivations: the rows of the dynamic model [12.18] by a velocity recursion (short, used in the
+hot path), and the rows of the kinetic and potential energy [12.33]-[12.34] (the single source of the filtered, energy
+and power models). Tests compare one with the other and both with Pinocchio.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.robot.model import Joint, Robot
 
-# Rounded right angles in a description leave 1e-17 where a zero is meant; every one of them costs instructions.
+# Rounded right angles in a description leave 1e-17 where zero is meant, and each such entry costs instructions.
 _SNAP = 1e-12
 _LANDMARKS = (0.0, 1.0, -1.0, 0.5, -0.5)
 
@@ -33,17 +33,17 @@ def _sparse(matrix: FloatArray) -> ca.SX:
 
 
 def constant(vector: FloatArray) -> ca.SX:
-    """A vector (3,) of a description as constants SX (3, 1), without what rounding has left of its zeros."""
+    """Return a vector (3,) of a description as constants SX (3, 1), with rounded zeros set to zero."""
     return ca.SX(ca.DM(_snap(vector)))
 
 
 def cross(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Vector product SX (3, 1)."""
+    """Return the vector product SX (3, 1)."""
     return ca.vertcat(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def _rotation(joint: Joint, q: ca.SX) -> ca.SX:
-    """Rotation from the joint's frame to the frame of its placement."""
+    """Return the rotation from the joint's frame to the frame of its placement."""
     if joint.kind == "prismatic":
         return ca.SX.eye(3)
     x, y, z = (float(value) for value in _snap(joint.axis))
@@ -61,7 +61,7 @@ class Frame:
 
 
 def frames_of(robot: Robot, q: ca.SX) -> list[Frame]:
-    """The frame of every joint in its antecedent's frame at positions q SX (n, 1)."""
+    """Return the frame of every joint in its antecedent's frame at positions q SX (n, 1)."""
     frames = []
     for index, joint in enumerate(robot.joints):
         fixed = _sparse(joint.placement[:3, :3])
@@ -73,7 +73,7 @@ def frames_of(robot: Robot, q: ca.SX) -> list[Frame]:
 
 
 def _body_regressor(omega: ca.SX, alpha: ca.SX, acceleration: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Force (3, 10) and moment (3, 10) about the frame's origin, linear in XX … M of one link."""
+    """Return force (3, 10) and moment (3, 10) about the frame's origin, linear in XX … M of one link."""
     w, a = omega, alpha
     zero = ca.SX(1, 1)
     # n = J α + ω x (J ω), column by column of XX XY XZ YY YZ ZZ
@@ -93,7 +93,7 @@ def _body_regressor(omega: ca.SX, alpha: ca.SX, acceleration: ca.SX) -> tuple[ca
 
 
 def dynamic_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) -> ca.SX:
-    """Observation rows of the dynamic model [12.18] for the standard inertial parameters.
+    """Return the observation rows of the dynamic model [12.18] for the standard inertial parameters.
 
     Parameters
     ----------
@@ -111,18 +111,28 @@ def dynamic_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) 
 
 
 def wrench_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) -> ca.SX:
-    """Observation rows of the reaction wrench that the base exerts on the robot, for the standard parameters (§12.8).
+    """Return the observation rows of the base's reaction wrench for the standard inertial parameters (§12.8).
+
+    Friction, motor torques and rotors do not appear: they are internal to the robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    q, dq, ddq : SX (n, 1)
+    gravity : SX (3, 1)
+        Acceleration of gravity in the base frame.
 
     Returns
     -------
-    SX (6, 10 n) : force, then moment about the origin of the base frame, both along its axes. At rest the force holds
-    the weight. The motors' reaction is inside: neither friction nor torque appears, nor do the rotors as such.
+    SX (6, 10 n)
+        Force on the robot, then moment about the origin of the base frame, both along its axes. At rest the force
+        carries the weight.
     """
     return _projected_rows(robot, q, dq, ddq, gravity, of_base=True)
 
 
 def _projected_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX, *, of_base: bool) -> ca.SX:
-    """Every link's wrench projected on the unit twists of the joints that carry it, or on the six of the base."""
+    """Return each link's wrench projected on the unit twists of the joints that carry it, or on the base's six."""
     n = robot.n
     zero = ca.SX.zeros(3, 1)
     base: dict[int, tuple[ca.SX, ca.SX]] = {}
@@ -150,6 +160,8 @@ def _projected_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.S
             omega = omega + axis * dq[i]
         else:
             acceleration = acceleration + axis * ddq[i] + 2 * cross(omega, axis * dq[i])
+        # A joint feels the wrenches of all links that it moves: carry its unit twist along to every later link's frame,
+        # where its product with the link's wrench is the torque by virtual power.
         inherited = base if root else twists[joint.parent]
         here = {
             j: (ca.mtimes(down, angular), ca.mtimes(down, linear + cross(angular, frame.origin)))
@@ -168,7 +180,7 @@ def _projected_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.S
 
 
 def energy_rows(robot: Robot, q: ca.SX, dq: ca.SX, gravity: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Rows e(q, q̇) and u(q) of [12.32]-[12.34] for the standard inertial parameters.
+    """Return the rows e(q, q̇) and u(q) of [12.32]-[12.34] for the standard inertial parameters.
 
     Returns
     -------
@@ -196,6 +208,7 @@ def energy_rows(robot: Robot, q: ca.SX, dq: ca.SX, gravity: ca.SX) -> tuple[ca.S
         omegas.append(w)
         velocities.append(v)
         poses.append((rotation, origin))
+        # ½ ωᵀ J ω + MSᵀ (v x ω) + ½ M vᵀ v, in the order of `INERTIAL_NAMES`.
         kinetic.append(
             ca.horzcat(
                 0.5 * w[0] * w[0], w[0] * w[1], w[0] * w[2], 0.5 * w[1] * w[1], w[1] * w[2], 0.5 * w[2] * w[2],

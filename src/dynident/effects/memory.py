@@ -1,7 +1,7 @@
-"""Hysteresis states: what a joint's path up to now has left behind, sample by sample and one step at a time.
+"""Hysteresis states along a joint's path, for whole recordings or one step at a time.
 
 The operators depend on the path alone, not on its speed, so between two reversals they have a closed form in the
-distance travelled since the last one. A run is therefore evaluated by walking over its reversals, not its samples.
+distance travelled since the last one. A run is therefore evaluated from reversal to reversal, not sample by sample.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from dynident.effects.signals import MemorySignal
 
 
 def step(signal: MemorySignal, state: float, displacement: float) -> float:
-    """The state after the joint has moved on by `displacement` (rad or m)."""
+    """Return the state after the joint has moved on by `displacement` (rad or m)."""
     return float(signal.operator.stroke(np.array([state]), np.array([[displacement / signal.slip]]))[0, 0])
 
 
 def step_expression(signal: MemorySignal, state: ca.SX, displacement: ca.SX) -> ca.SX:
-    """`step` as an expression of SX (1, 1)."""
+    """Return `step` as an expression of SX (1, 1)."""
     return signal.operator.step(state, displacement / signal.slip)
 
 
 class MemoryStates:
-    """Hysteresis states of one run, fed block by block; exact across block borders.
+    """Hysteresis states of one run whose positions come in blocks; the borders of blocks do not change the result.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class MemoryStates:
         self._state = np.zeros(len(self.signals))
 
     def push(self, q: FloatArray) -> FloatArray:
-        """States (m, number of signals) along the next positions q (m, n)."""
+        """Return states (m, number of signals) along the next positions q (m, n)."""
         out = np.empty((len(q), len(self.signals)))
         if not self.signals or not len(q):
             return out
@@ -58,26 +58,31 @@ class MemoryStates:
 
     def _walk(self, path: FloatArray, members: list[int], out: FloatArray) -> None:
         """Fill the columns `members` of `out` (m, …) along `path` (m + 1,), whose first point is the last one known."""
+        # Signals with equal operators go through one array operation, whatever their slips.
         slips = np.array([self.signals[k].slip for k in members])
         operators = [self.signals[k].operator for k in members]
-        alike = [(one, [i for i, other in enumerate(operators) if other == one]) for one in dict.fromkeys(operators)]
-        halts = any(one.forgets_at_halts for one in operators)
+        groups = [
+            (operator, [i for i, other in enumerate(operators) if other == operator])
+            for operator in dict.fromkeys(operators)
+        ]
+        halts = any(operator.forgets_at_halts for operator in operators)
         state = self._state[members]
         for first, last in itertools.pairwise(_strokes(np.sign(np.diff(path)), standstills=halts)):
             ratio = (path[first + 1 : last + 1, None] - path[first]) / slips
             sliding = np.empty_like(ratio)
-            for operator, own in alike:
-                sliding[:, own] = operator.stroke(state[own], ratio[:, own])
+            for operator, places in groups:
+                sliding[:, places] = operator.stroke(state[places], ratio[:, places])
             out[first:last, members] = sliding
             state = sliding[-1]
         self._state[members] = state
 
 
 def _strokes(moves: FloatArray, *, standstills: bool) -> list[int]:
-    """First moves of the strokes in one direction, and the number of all moves (m,), given by their signs.
+    """Return the index of the first move of each stroke in one direction, followed by the number of all moves.
 
-    A sample without movement belongs to the stroke before it, unless standstills are strokes of their own.
+    Moves are given by their signs (m,). A sample without movement belongs to the stroke before it, unless standstills
+    are strokes of their own.
     """
-    told = np.arange(len(moves)) if standstills else np.flatnonzero(moves)
-    turns = np.flatnonzero(np.diff(moves[told]) != 0)
-    return [0, *(int(told[k + 1]) for k in turns), len(moves)]
+    counted = np.arange(len(moves)) if standstills else np.flatnonzero(moves)
+    turns = np.flatnonzero(np.diff(moves[counted]) != 0)
+    return [0, *(int(counted[k + 1]) for k in turns), len(moves)]

@@ -33,7 +33,7 @@ def inverse_dynamics(
     inertia: ca.SX,
     shift: ca.SX | None = None,
 ) -> ca.SX:
-    """Torque of the links.
+    """Return the joint torque that the links need.
 
     Parameters
     ----------
@@ -53,6 +53,7 @@ def inverse_dynamics(
     frames = frames_of(robot, q)
     if shift is not None:
         frames = [Frame(frame.rotation, frame.origin + shift[:, i]) for i, frame in enumerate(frames)]
+    # Outward: velocities and accelerations. Starting at rest with the acceleration -g stands for gravity on all links.
     motions: list[_Motion] = []
     forces: list[ca.SX] = []
     moments: list[ca.SX] = []
@@ -63,6 +64,7 @@ def inverse_dynamics(
         motions.append(moving)
         forces.append(force)
         moments.append(moment)
+    # Inward: each joint passes the wrench of its link and of all links beyond it on to the link before.
     torque = [ca.SX(1, 1) for _ in range(robot.n)]
     for i in reversed(range(robot.n)):
         joint, frame = robot.joints[i], frames[i]
@@ -75,7 +77,7 @@ def inverse_dynamics(
 
 
 def _carried(parent: _Motion, joint: Joint, frame: Frame, dq: ca.SX, ddq: ca.SX) -> _Motion:
-    """Motion of a link, in its own frame, from that of its antecedent."""
+    """Return the motion of a link, in its own frame, from that of its antecedent."""
     down, axis = frame.rotation.T, constant(joint.axis)
     omega = ca.mtimes(down, parent.omega)
     alpha = ca.mtimes(down, parent.alpha)
@@ -88,7 +90,7 @@ def _carried(parent: _Motion, joint: Joint, frame: Frame, dq: ca.SX, ddq: ca.SX)
 
 
 def _wrench(motion: _Motion, k: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Force and moment (3, 1) about the frame's origin that a link with the parameters k (10, 1) needs."""
+    """Return the force and moment (3, 1) about the frame's origin that a link with parameters k (10, 1) needs."""
     inertia = ca.vertcat(ca.horzcat(k[0], k[1], k[2]), ca.horzcat(k[1], k[3], k[4]), ca.horzcat(k[2], k[4], k[5]))
     first, mass = k[6:9], k[9]
     omega, alpha, acceleration = motion.omega, motion.alpha, motion.acceleration
@@ -98,7 +100,7 @@ def _wrench(motion: _Motion, k: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def link_jacobian(robot: Robot, q: ca.SX, tip: int) -> ca.SX:
-    """SX (6, n): linear and angular velocity of a link's frame for unit joint velocities, in the base frame."""
+    """Return the Jacobian SX (6, n) of a link's frame: linear, then angular velocity, in the base frame."""
     frames = frames_of(robot, q)
     rotations: list[ca.SX] = []
     origins: list[ca.SX] = []

@@ -1,6 +1,6 @@
-"""Rules by which a joint's path leaves a state behind: what hysteresis and friction after a halt are functions of.
+"""Operators that update a state along a joint's path; hysteresis and friction after a halt depend on such states.
 
-A rule of one's own is a subclass of `Operator`, given to `MemorySignal`: nothing else has to know of it.
+A new operator is a subclass of `Operator` that is passed to `MemorySignal`; nothing else has to be changed.
 """
 
 from __future__ import annotations
@@ -14,14 +14,15 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 
+# |z| from which on a state counts as at its stop, in spite of rounding.
 _AT_STOP = 1.0 - 1e-12
 
 
 class Operator(ABC):
-    """How a state z in [-1, 1] of one joint goes on with its path, whatever the speed; it begins at 0.
+    """Update rule of a state z in [-1, 1] along one joint's path, independent of the speed; z begins at 0.
 
-    Displacements are in units of the signal's slip. `forgets_at_halts`: it matters whether the joint stood in between.
-    Two operators of one class with the same attributes are the same.
+    Displacements are in units of the signal's slip. `forgets_at_halts`: a standstill on the way changes the state. Two
+    operators of one class with equal attributes are equal.
     """
 
     name: ClassVar[str]
@@ -29,16 +30,30 @@ class Operator(ABC):
 
     @abstractmethod
     def step(self, state: ca.SX, ratio: ca.SX) -> ca.SX:
-        """The state (1, 1) after one displacement (1, 1)."""
+        """Return the state (1, 1) after one displacement (1, 1)."""
 
     @abstractmethod
     def stroke(self, begun: FloatArray, ratio: FloatArray) -> FloatArray:
-        """States (m, k) along displacements (m, k) since the beginning of a stroke in one direction, at (k,)."""
+        """Return the states along a stroke in one direction.
+
+        Parameters
+        ----------
+        begun : ndarray (k,)
+            States at the beginning of the stroke.
+        ratio : ndarray (m, k)
+            Displacements since the beginning, in units of the slip.
+
+        Returns
+        -------
+        ndarray (m, k)
+        """
 
     def slopes(self, before: FloatArray, after: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """∂z'/∂z and ∂z'/∂ratio of steps, both of the shape of the states `before` and `after` them."""
-        made = _differentiated(self).map(before.size)(before.reshape(1, -1), ratio.reshape(1, -1))
-        passes, follows = (np.asarray(ca.DM(one), dtype=np.float64).reshape(before.shape) for one in made)
+        """Return ∂z'/∂z and ∂z'/∂ratio of steps, in the shape of the states `before` and `after` the steps."""
+        derivatives = _differentiated(self).map(before.size)(before.reshape(1, -1), ratio.reshape(1, -1))
+        passes, follows = (
+            np.asarray(ca.DM(derivative), dtype=np.float64).reshape(before.shape) for derivative in derivatives
+        )
         return passes, follows
 
     def __eq__(self, other: object) -> bool:
@@ -54,15 +69,15 @@ class Stop(Operator):
     name = "stop"
 
     def step(self, state: ca.SX, ratio: ca.SX) -> ca.SX:
-        """sat(z + Δq / slip)."""
+        """Return sat(z + Δq / slip)."""
         return ca.fmin(1, ca.fmax(-1, state + ratio))
 
     def stroke(self, begun: FloatArray, ratio: FloatArray) -> FloatArray:
-        """The same: in one direction it is cut once."""
+        """Return sat(z + Δq / slip): in one direction it is cut once."""
         return np.asarray(np.clip(begun + ratio, -1.0, 1.0))
 
     def slopes(self, before: FloatArray, after: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """1 inside; at its stop the past is lost."""
+        """Return 1 inside, and 0 at the stop, where the past is lost."""
         inside = (np.abs(after) < _AT_STOP).astype(np.float64)
         return inside, inside
 
@@ -73,17 +88,17 @@ class Dahl(Operator):
     name = "dahl"
 
     def step(self, state: ca.SX, ratio: ca.SX) -> ca.SX:
-        """s - (s - z) exp(-|Δq| / slip) with s = sign Δq."""
+        """Return s - (s - z) exp(-|Δq| / slip) with s = sign Δq."""
         direction = ca.sign(ratio)
         return direction - (direction - state) * ca.exp(-ca.fabs(ratio))
 
     def stroke(self, begun: FloatArray, ratio: FloatArray) -> FloatArray:
-        """The same over the whole stroke: exponentials multiply."""
+        """Return the formula of `step` over the whole stroke: exponentials multiply."""
         direction = np.sign(ratio)
         return np.asarray(direction - (direction - begun) * np.exp(-np.abs(ratio)))
 
     def slopes(self, before: FloatArray, after: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """exp(-|Δq| / slip), and that times 1 - z sign Δq."""
+        """Return exp(-|Δq| / slip), and that times 1 - z sign Δq."""
         decay = np.exp(-np.abs(ratio))
         return decay, (1.0 - np.sign(ratio) * before) * decay
 
@@ -95,16 +110,16 @@ class Travel(Dahl):
     forgets_at_halts = True
 
     def step(self, state: ca.SX, ratio: ca.SX) -> ca.SX:
-        """Dahl's; what was travelled the other way, or before a standstill, is forgotten."""
+        """Return Dahl's step, without what was travelled the other way or before a standstill."""
         direction = ca.sign(ratio)
         return super().step(direction * ca.fmax(0, direction * state), ratio)
 
     def stroke(self, begun: FloatArray, ratio: FloatArray) -> FloatArray:
-        """Dahl's, from 0 where the stroke goes the other way."""
+        """Return Dahl's stroke, from 0 where the direction has changed."""
         return super().stroke(np.where(begun * np.sign(ratio[-1]) <= 0, 0.0, begun), ratio)
 
     def slopes(self, before: FloatArray, after: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Dahl's; nothing passes where it forgets."""
+        """Return Dahl's slopes; ∂z'/∂z is 0 where the past is forgotten."""
         forgets = np.sign(ratio) * before <= 0
         passes, follows = super().slopes(np.where(forgets, 0.0, before), after, ratio)
         return np.where(forgets, 0.0, passes), follows
@@ -115,7 +130,7 @@ STOP, DAHL, TRAVEL = Stop(), Dahl(), Travel()
 
 @lru_cache(maxsize=64)
 def _differentiated(operator: Operator) -> ca.Function:
-    """(z, ratio) -> ∂z'/∂z, ∂z'/∂ratio."""
+    """Return the function (z, ratio) -> ∂z'/∂z, ∂z'/∂ratio."""
     state, ratio = ca.SX.sym("z"), ca.SX.sym("ratio")
     after = operator.step(state, ratio)
     return ca.Function("slopes", [state, ratio], [ca.jacobian(after, state), ca.jacobian(after, ratio)])

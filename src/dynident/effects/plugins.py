@@ -1,10 +1,10 @@
-"""Effects that other distributions bring along: one Python file and one entry point each.
+"""Effects of other distributions: one Python file and one entry point each.
 
     [project.entry-points."dynident.effects"]
     my_effect = "my_package.my_effect:MyEffect"
 
 The object is a subclass of `Effect` or an instance of one. An effect that cannot be loaded, or fails on a trial robot,
-is left out, with a warning that says why: somebody else's broken package must not stop an identification.
+is left out with a warning that says why: a broken package of somebody else must not stop an identification.
 """
 
 from __future__ import annotations
@@ -24,35 +24,37 @@ from dynident.robot import robot_from_modified_dh
 GROUP = "dynident.effects"
 
 
-def installed_effects(taken: Collection[str]) -> tuple[Effect, ...]:
-    """The effects of all installed entry points, by name; none whose id is among those `taken`."""
-    found: dict[str, Effect] = {}
+def installed_effects(used_ids: Collection[str]) -> tuple[Effect, ...]:
+    """Return the effects of all installed entry points, sorted by name, without those whose id is in use."""
+    accepted: dict[str, Effect] = {}
     for point in sorted(entry_points(group=GROUP), key=lambda item: item.name):
         effect = _loaded(point)
         if effect is None:
             continue
-        if effect.id in taken or effect.id in found:
+        if effect.id in used_ids or effect.id in accepted:
             warnings.warn(f"the effect {effect.id!r} of {point.value} is left out: that id is taken", stacklevel=2)
             continue
-        found[effect.id] = effect
-    return tuple(found.values())
+        accepted[effect.id] = effect
+    return tuple(accepted.values())
 
 
 def effects_in_this_room() -> tuple[Effect, ...]:
-    """All effects that files of `dynident.effects` define, file by file."""
-    found = []
+    """Return all effects that modules of `dynident.effects` define, sorted by module."""
+    instances = []
     for module in sorted(pkgutil.iter_modules(effects.__path__), key=lambda item: item.name):
         for value in vars(importlib.import_module(f"{effects.__name__}.{module.name}")).values():
-            own = isinstance(value, type) and issubclass(value, Effect) and value.__module__.endswith(f".{module.name}")
-            if own and not inspect.isabstract(value) and hasattr(value, "id"):
-                found.append(value())
-    return tuple(found)
+            is_defined_here = (
+                isinstance(value, type) and issubclass(value, Effect) and value.__module__.endswith(f".{module.name}")
+            )
+            if is_defined_here and not inspect.isabstract(value) and hasattr(value, "id"):
+                instances.append(value())
+    return tuple(instances)
 
 
 def _loaded(point: EntryPoint) -> Effect | None:
     try:
-        given = point.load()
-        effect = given() if isinstance(given, type) else given
+        plugin = point.load()
+        effect = plugin() if isinstance(plugin, type) else plugin
     except Exception as error:  # whatever somebody else's module raises
         warnings.warn(f"the effect {point.name!r} ({point.value}) cannot be loaded: {error}", stacklevel=3)
         return None
@@ -71,7 +73,7 @@ def _loaded(point: EntryPoint) -> Effect | None:
 
 
 def _try(effect: Effect) -> None:
-    """Build the effect's columns on a small arm; raise where they are not what columns are."""
+    """Build the effect's columns on a small arm; raise an error if they do not match its specification."""
     robot = robot_from_modified_dh("trial", _TRIAL)
     signals, names = Signals(robot), {spec.name for spec in effect.parameters}
     constants = {spec.name for spec in effect.shapes}
@@ -79,10 +81,12 @@ def _try(effect: Effect) -> None:
         for shape in effect.grid(robot, joint):
             if set(shape) != constants:
                 raise ValueError(f"its grid gives {sorted(shape)}, its shape constants are {sorted(constants)}")
-        made = effect.columns(signals, (joint,), effect.shape_with_defaults({}))
-        if len(made) != len(names) or {column.parameter for column in made} != names:
-            raise ValueError(f"its columns belong to {[c.parameter for c in made]}, its parameters are {sorted(names)}")
-        for column in made:
+        columns = effect.columns(signals, (joint,), effect.shape_with_defaults({}))
+        if len(columns) != len(names) or {column.parameter for column in columns} != names:
+            raise ValueError(
+                f"its columns belong to {[c.parameter for c in columns]}, its parameters are {sorted(names)}"
+            )
+        for column in columns:
             if column.effect != effect.id or column.torque.shape != (robot.n, 1):
                 raise ValueError(f"column {column.name} has the shape {column.torque.shape}, not ({robot.n}, 1)")
 

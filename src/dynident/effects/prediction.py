@@ -1,6 +1,6 @@
-"""What the model so far predicts, as expressions: the load torque, its derivatives, the torque of the motors.
+"""Torque that the model so far predicts, as expressions: load torque, its derivatives, torque of the motors.
 
-Effects that depend on torque use these, never the measured torque, whose noise would come into W.
+Effects that depend on torque use the predicted one, never the measured one, whose noise would get into W.
 """
 
 from __future__ import annotations
@@ -20,22 +20,26 @@ from dynident.robot.model import Robot
 
 ROTOR_INERTIA, COULOMB, VISCOUS, OFFSET = ("rotor_inertia", "Ia"), ("coulomb", "Fc"), ("viscous", "Fv"), ("offset", "b")
 DRIVE_PARAMETERS = (ROTOR_INERTIA, COULOMB, VISCOUS, OFFSET)
-"""Effect and parameter of what a motor's torque consists of beside the load, in the order of `reference`."""
+"""Effects and parameters that a motor's torque consists of beside the load, in the order of `reference`."""
 
 
 def reference_size(robot: Robot) -> int:
-    """Length of `Prediction.reference`: ten inertial parameters a link (of N), then four blocks of n for the drives."""
+    """Return the length 10 N + 4 n of reference parameters: ten a link, then Ia, Fc, Fv and b of the drives."""
     return 10 * robot.tree.n + len(DRIVE_PARAMETERS) * robot.n
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceParameters:
-    """Parameters of the model so far, which torque is predicted with.
+    """Parameters of the model so far, by which torque is predicted.
 
-    inertias : (N, 10), standard inertial parameters of the links
-    rotors, dry, damping, constant : (n,), Ia, Fc, Fv and b of the driven joints' motors
+    As a vector (10 N + 4 n,) they follow one another, the links first.
 
-    As a vector (10 N + 4 n,) they stand one behind the other, the links first.
+    Attributes
+    ----------
+    inertias : ndarray (N, 10)
+        Standard inertial parameters of the links.
+    rotors, dry, damping, constant : ndarray (n,)
+        Ia, Fc, Fv and b of the driven joints' motors.
     """
 
     inertias: FloatArray
@@ -46,18 +50,18 @@ class ReferenceParameters:
 
     @classmethod
     def of_links(cls, inertias: FloatArray, n: int) -> ReferenceParameters:
-        """Links (N, 10) alone: n motors that have neither rotors nor friction."""
+        """Return parameters of links (N, 10) alone: the n motors have neither rotors nor friction."""
         nothing = np.zeros(n)
         return cls(inertias, nothing, nothing, nothing, nothing)
 
     @classmethod
     def nothing(cls, robot: Robot) -> ReferenceParameters:
-        """Of a model whose columns predict no torque: links without mass."""
+        """Return parameters that predict no torque: links without mass."""
         return cls.of_links(np.zeros((robot.tree.n, 10)), robot.n)
 
     @classmethod
     def of_vector(cls, vector: FloatArray, robot: Robot) -> ReferenceParameters:
-        """Take a vector (10 N + 4 n,) apart, or one (10 N,) of links alone.
+        """Return the parameters in a vector (10 N + 4 n,), or in one (10 N,) of links alone.
 
         Raises
         ------
@@ -77,17 +81,17 @@ class ReferenceParameters:
 
     @property
     def vector(self) -> FloatArray:
-        """(10 N + 4 n,)."""
+        """All parameters as a vector (10 N + 4 n,)."""
         drives = (self.rotors, self.dry, self.damping, self.constant)
         return np.concatenate([self.inertias.reshape(-1), *drives])
 
     def vector_of(self, robot: Robot) -> FloatArray:
-        """(10 N + 4 n,), of a robot with as many links and driven joints.
+        """Return the vector (10 N + 4 n,), after a check that it fits a robot.
 
         Raises
         ------
         DynidentError
-            If the robot has more or fewer of them.
+            If the robot has another number of links or driven joints.
         """
         if self.inertias.shape != (robot.tree.n, 10) or self.rotors.shape != (robot.n,):
             raise DynidentError(
@@ -98,7 +102,7 @@ class ReferenceParameters:
         return self.vector
 
     def is_like(self, other: ReferenceParameters) -> bool:
-        """Whether all values are the same."""
+        """Return whether all values are the same."""
         return np.array_equal(self.vector, other.vector)
 
 
@@ -126,7 +130,7 @@ class Prediction:
         return self.reference[: 10 * self.robot.tree.n]
 
     def drive(self, parameter: str) -> ca.SX:
-        """SX (n, 1): Ia, Fc, Fv or b of every joint."""
+        """Return Ia, Fc, Fv or b of every joint, SX (n, 1)."""
         n = self.robot.n
         first = 10 * self.robot.tree.n + n * [name for _, name in DRIVE_PARAMETERS].index(parameter)
         return self.reference[first : first + n]
@@ -170,12 +174,13 @@ class Prediction:
     @cached_property
     def gravity_torques(self) -> ca.SX:
         """SX (n, 3): torque that the links need at rest against one m/s² of gravity along each axis of the base."""
+        # The torque is linear in gravity: three unit vectors are enough for any direction and any tilt.
         still = ca.SX(self.robot.n, 1)
         along = [torque_of_links(self.robot, self.q, still, still, constant(axis), self.inertia) for axis in np.eye(3)]
         return ca.horzcat(*along)
 
     def gravity_torque(self, gravity: FloatArray) -> ca.SX:
-        """SX (n, 1): torque that the links need against an acceleration of gravity (3,) at rest."""
+        """Return the torque SX (n, 1) that the links need at rest against an acceleration of gravity (3,)."""
         return ca.mtimes(self.gravity_torques, constant(gravity))
 
     @cached_property
@@ -202,6 +207,6 @@ class Prediction:
         return torque_of_links(self.robot, self.q, self.dq, self.ddq, gravity, self.inertia)
 
     def _rate(self, expression: ca.SX, order: int) -> ca.SX:
-        """Time derivative of an expression of q and its first `order` - 1 derivatives."""
+        """Return the time derivative of an expression of q and its first `order` - 1 derivatives."""
         state: Sequence[ca.SX] = (self.q, self.dq, self.ddq, self.dddq, self.ddddq)
         return ca.jtimes(expression, ca.vertcat(*state[:order]), ca.vertcat(*state[1 : order + 1]))

@@ -1,4 +1,4 @@
-"""Friction with memory: the rounded corner after each reversal, and the peak when a joint breaks away."""
+"""Friction with memory: presliding after each reversal, and break-away friction after each standstill."""
 
 from __future__ import annotations
 
@@ -61,22 +61,22 @@ class Presliding(Effect):
     needs_load = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """Most of the usual Coulomb friction, over half a degree."""
+        """Return the usual size: most of the usual Coulomb friction, over half a degree."""
         return Usual({"Fz": 0.8 * COULOMB_SHARE * largest_torque(robot, joint), "cz": 0.0}, {"d0": 8e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """A constant and a load-proportional column a joint."""
+        """Return a constant and a load-proportional column a joint."""
         constants = self.shape_with_defaults(shape)
-        made = []
+        columns = []
         operator = STOP if constants["law"] > 0 else DAHL
         for j in joints:
             z = signals.memory(MemorySignal(operator, j, constants["d0"]))
             for spec, torque in zip(self.parameters, (z, ca.fabs(signals.load[j]) * z), strict=True):
-                made.append(self._column(signals, spec, j, torque, constants))
-        return made
+                columns.append(self._column(signals, spec, j, torque, constants))
+        return columns
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """Slip distances from 0.5 to 64 mrad (or mm) in factors of two, by both laws."""
+        """Return slip distances from 0.5 to 64 mrad (or mm) in factors of two, by both laws."""
         return [{"d0": d, "law": law} for law in (1.0, -1.0) for d in geometric_grid(0.5e-3, 64e-3, 2.0)]
 
 
@@ -112,26 +112,26 @@ class BreakAway(Effect):
     experiment = "reversals"
     is_friction = True
     may_change = True
-    # What holds a joint and what brakes it change together: less is said by Coulomb friction alone.
+    # The friction that holds a joint and the one that brakes it change together; Coulomb friction alone is simpler.
     seldom_changes = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """More than half of the usual Coulomb friction, over half a degree."""
+        """Return the usual size: more than half of the usual Coulomb friction, over half a degree."""
         return Usual({"Fba": 0.6 * COULOMB_SHARE * largest_torque(robot, joint)}, {"db": 8e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """One column a joint."""
+        """Return one column a joint."""
         constants = self.shape_with_defaults(shape)
-        made = []
+        columns = []
         for j in joints:
             travelled = ca.fabs(signals.memory(MemorySignal(TRAVEL, j, constants["db"])))
-            made.append(self._column(signals, self.parameters[0], j, (1 - travelled) * signals.sign[j], constants))
-        return made
+            columns.append(self._column(signals, self.parameters[0], j, (1 - travelled) * signals.sign[j], constants))
+        return columns
 
     def at_starts(self, shape: Mapping[str, float]) -> bool:
-        """It begins with every start."""
+        """Return True: it acts after every start."""
         return True
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """Distances from 2 to 32 mrad (or mm) in factors of two."""
+        """Return distances from 2 to 32 mrad (or mm) in factors of two."""
         return [{"db": d} for d in geometric_grid(2e-3, 32e-3, 2.0)]

@@ -1,4 +1,4 @@
-"""The links and the rotors: what the chapter identifies first."""
+"""Inertia of the links and the rotors."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class RigidBody(Effect):
     sources = ("Khalil and Dombre 2002, chapter 12, [12.18]-[12.21]",)
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Ten columns for every link in `joints`."""
+        """Return ten columns for every link in `joints`."""
         rows = signals.mechanics.rows
         return [
             Column(
@@ -78,11 +78,11 @@ class RotorInertia(Effect):
     sources = ("Khalil and Dombre 2002, chapter 12, [12.1] and [12.33]",)
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """That of a geared servo drive."""
+        """Return the usual size: that of a geared servo drive."""
         return Usual({"Ia": ROTOR_SHARE * largest_torque(robot, joint)})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """One column a joint."""
+        """Return one column a joint."""
         return [
             self._column(
                 signals,
@@ -96,16 +96,16 @@ class RotorInertia(Effect):
 
 
 def base_wrench(signals: Signals, index: int) -> ca.SX:
-    """Reaction (6, 1) of the base for one standard inertial parameter."""
+    """Return the reaction (6, 1) of the base for one standard inertial parameter."""
     return signals.mechanics.wrenches[:, index]
 
 
 def stored_energy(signals: Signals, index: int) -> ca.SX:
-    """Kinetic and potential energy of one standard inertial parameter, [12.33] and [12.34]."""
+    """Return the kinetic plus potential energy for one standard inertial parameter, [12.33] and [12.34]."""
     kinetic, potential = signals.mechanics.energies
     return kinetic[index] + potential[index]
 
 
 def _rotor_energy(signals: Signals, joint: int) -> ca.SX:
-    """e_Ia of [12.33]."""
+    """Return e_Ia of [12.33]."""
     return 0.5 * signals.dq[joint] * signals.dq[joint]

@@ -16,9 +16,9 @@ from dynident.robot.model import Robot
 
 @dataclass(frozen=True)
 class MemorySignal:
-    """A hysteresis state z in [-1, 1] of one joint: what the joint's path up to now has left behind.
+    """A hysteresis state z in [-1, 1] of one joint, which its path up to now determines.
 
-    `operator` says how it goes on with the path; none depends on how fast that is travelled. `slip` is in rad or m.
+    `operator` updates it along the path, independent of the speed. `slip` is the operator's unit of distance, rad or m.
     """
 
     operator: Operator
@@ -28,18 +28,19 @@ class MemorySignal:
 
 @dataclass(frozen=True)
 class RunSignal:
-    """1 in the runs with these labels, 0 in all others; without labels: in runs that are said to carry a payload.
+    """A signal that is 1 in the runs with these labels and 0 in all others.
 
-    A run's label is its recording's name, or that and the segment's label ("name#2") for a segment of it.
+    Without labels it is 1 in runs that are marked as carrying a payload. A run's label is its recording's name, with
+    the segment's label for a segment of it ("name#2").
     """
 
     runs: tuple[str, ...] = ()
 
 
 class Signals:
-    """Symbols of q and its derivatives, time, temperature, the reference parameters, and of what else is asked for.
+    """Symbols of q and its derivatives, time, temperature, reference parameters, hysteresis states and runs.
 
-    `memory` gives hysteresis states, `in_runs` whether a run is one of some; both are remembered.
+    Symbols of hysteresis states (`memory`) and of runs (`in_runs`) are created on first use and then the same.
 
     Parameters
     ----------
@@ -58,19 +59,19 @@ class Signals:
         self.dddq = ca.SX.sym("dddq", n)
         self.ddddq = ca.SX.sym("ddddq", n)
         self.time = ca.SX.sym("t")
-        # The sampling period: what jumps does so within one of it.
+        # The sampling period: a jump of sign(q̇) is spread over one of it.
         self.period = ca.SX.sym("T")
         self.temperature = ca.SX.sym("temperature", n)
-        # Parameters of the model so far: they carry the *predicted* torque, since a load taken from the measured torque
-        # would put the measurement's noise into W.
+        # Parameters of the model so far, which give the *predicted* torque: a load computed from the measured torque
+        # would put its noise into W.
         self.reference = ca.SX.sym("K", reference_size(robot))
         mechanics = Mechanics if robot.linkage is None else LinkedMechanics
         self.mechanics = mechanics(robot, self.q, self.dq, self.ddq)
-        # Those of the tree that carries the links, where some joints follow others (`TreeSignals`).
+        # Signals of the tree that carries the links, where some joints follow others (`TreeSignals`).
         self.of_tree: Signals | None = None
         self._smooth_sign = smooth_sign
         self._memory: dict[MemorySignal, ca.SX] = {}
-        # Asking CasADi for a symbol's name takes longer than all else here.
+        # By name, because asking CasADi for a symbol's name takes longer than everything else here.
         self._memory_named: dict[str, MemorySignal] = {}
         self._runs: dict[RunSignal, ca.SX] = {}
 
@@ -80,7 +81,7 @@ class Signals:
         return self.sign_of(self.dq)
 
     def sign_of(self, velocity: ca.SX) -> ca.SX:
-        """The sign of a velocity, smoothed where this set of signals is."""
+        """Return the sign of a velocity, smoothed if these signals are for a simulator."""
         return ca.tanh(velocity / self._smooth_sign) if self._smooth_sign > 0 else ca.sign(velocity)
 
     @cached_property
@@ -97,7 +98,7 @@ class Signals:
 
     @cached_property
     def predicted(self) -> Prediction:
-        """What the model with the reference parameters predicts."""
+        """Torque that the model with the reference parameters predicts."""
         return Prediction(self.robot, self.q, self.dq, self.ddq, self.dddq, self.ddddq, self.sign, self.reference)
 
     @property
@@ -106,23 +107,23 @@ class Signals:
         return self.predicted.load
 
     def in_runs(self, signal: RunSignal) -> ca.SX:
-        """SX (1, 1): the symbol that is 1 in the signal's runs."""
+        """Return the symbol SX (1, 1) that is 1 in the signal's runs."""
         if signal not in self._runs:
             self._runs[signal] = ca.SX.sym(f"run_{len(self._runs)}")
         return self._runs[signal]
 
     @property
     def run_symbols(self) -> ca.SX:
-        """SX (number of run signals, 1), of all that were ever asked for."""
+        """SX (number of run signals, 1): the symbols of all run signals so far."""
         return ca.vertcat(*self._runs.values()) if self._runs else ca.SX(0, 1)
 
     def runs_in(self, expression: ca.SX) -> tuple[RunSignal, ...]:
-        """The run signals that an expression depends on, of all that were ever asked for."""
+        """Return the run signals that an expression depends on."""
         used = {symbol.name() for symbol in ca.symvar(expression)}
         return tuple(signal for signal, symbol in self._runs.items() if symbol.name() in used)
 
     def memory(self, signal: MemorySignal) -> ca.SX:
-        """SX (1, 1): the symbol of a hysteresis state, the same for the same signal."""
+        """Return the symbol SX (1, 1) of a hysteresis state, the same for equal signals."""
         if signal not in self._memory:
             name = f"z_{signal.operator.name}_{signal.joint}_{len(self._memory)}"
             self._memory[signal], self._memory_named[name] = ca.SX.sym(name), signal
@@ -130,7 +131,7 @@ class Signals:
 
     @property
     def memory_signals(self) -> tuple[MemorySignal, ...]:
-        """The hysteresis states asked for, in the order of `memory_symbols`."""
+        """All hysteresis states so far, in the order of `memory_symbols`."""
         return tuple(self._memory)
 
     @property
@@ -139,6 +140,6 @@ class Signals:
         return ca.vertcat(*self._memory.values()) if self._memory else ca.SX(0, 1)
 
     def memory_in(self, expression: ca.SX) -> tuple[MemorySignal, ...]:
-        """The hysteresis states that an expression depends on, of all that were ever asked for."""
+        """Return the hysteresis states that an expression depends on."""
         used = {symbol.name() for symbol in ca.symvar(expression)}
         return tuple(signal for name, signal in self._memory_named.items() if name in used)

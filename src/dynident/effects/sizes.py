@@ -1,7 +1,7 @@
-"""What is usual of the joints of real arms: their torque, their speed, and the shares of it that effects take.
+"""Usual sizes on the joints of real arms: torque, speed, and the effects as shares of the largest torque.
 
-Shares of a joint's largest torque, after the sources that the catalogue names for each effect and recordings of real
-arms: not those of any particular robot.
+The shares follow the sources that the catalogue names for each effect, and recordings of real arms; they are not those
+of any particular robot.
 """
 
 from __future__ import annotations
@@ -26,38 +26,38 @@ ROTOR_SHARE = 0.006
 
 @dataclass(frozen=True)
 class Usual:
-    """How large an effect is where an arm has it: parameters and shape constants by name, zero or default otherwise."""
+    """Usual size of an effect: parameters and shape constants by name, zero or the default where not named."""
 
     values: Mapping[str, float]
     shape: Mapping[str, float] = field(default_factory=dict)
 
 
 def velocity_scale(robot: Robot, joint: int) -> float:
-    """The joint's velocity limit, or an arm's usual one: what grids of velocities are relative to."""
+    """Return the joint's velocity limit, or an arm's usual one; grids of velocities are relative to it."""
     limit = robot.joints[joint].limits.velocity
     return limit if limit is not None and limit > 0 else _VELOCITY_WHERE_UNKNOWN
 
 
 def slowest_velocity(robot: Robot) -> float:
-    """The smallest of the joints' velocity scales: what the width of a smooth sign of friction is measured by."""
+    """Return the smallest of the joints' velocity scales, which the width of a smooth sign is relative to."""
     return min(velocity_scale(robot, joint) for joint in range(robot.n))
 
 
 def largest_torque(robot: Robot, joint: int) -> float:
-    """The effort limit of a joint, or an arm's usual one where none is known (N m or N)."""
+    """Return the effort limit of a joint, or an arm's usual one where none is known (N m or N)."""
     return robot.joints[joint].limits.effort or _EFFORT_WHERE_UNKNOWN
 
 
 def usual_coulomb(robot: Robot, joint: int) -> float:
-    """Coulomb friction of a joint (N m or N)."""
+    """Return Coulomb friction of a joint (N m or N)."""
     return COULOMB_SHARE * largest_torque(robot, joint)
 
 
 def usual_viscous(robot: Robot, joint: int) -> float:
-    """Viscous friction of a joint (N m s/rad or N s/m)."""
+    """Return viscous friction of a joint (N m s/rad or N s/m)."""
     return VISCOUS_SHARE * largest_torque(robot, joint) / velocity_scale(robot, joint)
 
 
 def usual_force(robot: Robot) -> float:
-    """What the strongest joint lifts at one metre with a twelfth of its torque (N)."""
+    """Return the force (N) at one metre of a twelfth of the strongest joint's torque."""
     return max(largest_torque(robot, joint) for joint in range(robot.n)) / 12

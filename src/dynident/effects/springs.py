@@ -1,4 +1,4 @@
-"""Elastic elements beside the gears: a balancing spring on a crank, a cable or hose between two links."""
+"""Springs of the arm itself: a balancing spring on a crank, a cable or hose between two links."""
 
 from __future__ import annotations
 
@@ -51,40 +51,42 @@ class GravityCompensator(Effect):
     experiment = "slow_sweep"
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """A fifth of the largest torque."""
+        """Return the usual size: a fifth of the largest torque."""
         torque = largest_torque(robot, joint)
         return Usual({"kab": 0.2 * torque, "kal": -0.1 * torque}, {"phi": 0.3, "r": 0.25})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Two columns a joint."""
+        """Return two columns a joint."""
         constants = self.shape_with_defaults(shape)
         r = constants["r"]
-        made = []
+        columns = []
         for j in joints:
             x = signals.q[j] - constants["phi"]
             length = ca.sqrt(1 + r * r + 2 * r * ca.cos(x))
             waves = (-ca.sin(x), -ca.sin(x) / length)
             stored = (partial(ca.SX, ca.cos(x)), partial(ca.SX, length / r))
             for spec, wave, energy in zip(self.parameters, waves, stored, strict=True):
-                made.append(self._column(signals, spec, j, wave, constants, energy))
-        return made
+                columns.append(self._column(signals, spec, j, wave, constants, energy))
+        return columns
 
     def applicable(self, robot: Robot) -> tuple[int, ...]:
-        """The first joints that gravity loads: revolute, and not about the vertical at the base."""
+        """Return the first joints that gravity loads: revolute, and not about the vertical at the base."""
+        # An upright axis at the base carries no weight, so nobody balances it. Without gravity no axis is upright.
         down = robot.gravity / max(float(np.linalg.norm(robot.gravity)), 1e-12)
-        found = []
+        loaded_joints = []
         for j, joint in enumerate(robot.joints):
             upright = joint.parent < 0 and abs(float(joint.placement[:3, :3] @ joint.axis @ down)) > 0.99
             if joint.kind == "revolute" and not upright:
-                found.append(j)
-        return tuple(j for j in found if j <= _FIRST_JOINTS)
+                loaded_joints.append(j)
+        return tuple(j for j in loaded_joints if j <= _FIRST_JOINTS)
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """Twelve directions, a short and a long crank."""
+        """Return twelve directions, a short and a long crank."""
         angles = [2 * np.pi * (k + 0.5) / _DIRECTIONS - np.pi for k in range(_DIRECTIONS)]
         return [{"phi": float(angle), "r": r} for r in _CRANK_RATIOS for angle in angles]
 
 
+# Exponents of the energy's monomials in the two positions, up to the third degree; a constant gives no torque.
 _POWERS = ((1, 1), (2, 0), (0, 2), (2, 1), (1, 2), (3, 0), (0, 3), (1, 0), (0, 1))
 
 
@@ -114,13 +116,13 @@ class CableForce(Effect):
     sources = ("Khalil and Dombre 2002, chapter 9",)
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """A per cent or two of the largest torque for each radian."""
+        """Return the usual size: a per cent or two of the largest torque for each radian."""
         torque = largest_torque(robot, joint)
         return Usual({"u20_": 0.01 * torque, "u11_": 0.02 * torque, "u02_": 0.01 * torque})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Nine columns for every joint of `joints` and the one after it."""
-        made = []
+        """Return nine columns for every joint of `joints` and the one after it."""
+        columns = []
         for j in joints:
             x, y = signals.q[j], signals.q[j + 1]
             for spec, (a, b) in zip(self.parameters, _POWERS, strict=True):
@@ -130,9 +132,9 @@ class CableForce(Effect):
                     rows[j] = a * x ** (a - 1) * y**b
                 if b:
                     rows[j + 1] = b * x**a * y ** (b - 1)
-                made.append(self._reaching_column(signals, spec, j, rows, energy=partial(ca.SX, energy)))
-        return made
+                columns.append(self._reaching_column(signals, spec, j, rows, energy=partial(ca.SX, energy)))
+        return columns
 
     def applicable(self, robot: Robot) -> tuple[int, ...]:
-        """Joints that have a successor in the chain."""
+        """Return joints that have a successor in the chain."""
         return tuple(j for j in range(robot.n - 1) if robot.joints[j + 1].parent == j)

@@ -1,4 +1,4 @@
-"""Torque that depends on position: offsets, springs, gears, a base that is not level, joints that share a motor."""
+"""Effects of the mechanical structure: offsets, springs, ripple of gears, a tilted base, joints that share a motor."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class Offset(Effect):
     may_change = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """A per cent or two of the largest torque."""
+        """Return the usual size: a per cent or two of the largest torque."""
         return Usual({"b": 0.015 * largest_torque(robot, joint)})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """One column of ones a joint."""
+        """Return one column of ones a joint."""
         return [self._column(signals, self.parameters[0], j, ca.SX(1.0)) for j in joints]
 
 
@@ -61,22 +61,22 @@ class JointSpring(Effect):
         {"slow_sweep": ("offset", "coulomb_asymmetric", "torque_ripple", "gravity_compensator", "cable_force")}
     )
     may_change = True
-    # About an upright axis a base that leans pulls like one, over the range of most motions.
+    # About an upright axis a tilted base has the same effect over the range of most motions.
     seldom_changes = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """Some per cent of the largest torque for each radian."""
+        """Return the usual size: some per cent of the largest torque for each radian."""
         torque = largest_torque(robot, joint)
         return Usual({"ks": 0.03 * torque, "bs": -0.01 * torque})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """The position and a constant: the rest position is part of the effect."""
-        made = []
+        """Return the position and a constant: the rest position is part of the effect."""
+        columns = []
         for j in joints:
             q = signals.q[j]
-            made.append(self._column(signals, self.parameters[0], j, q, energy=partial(_half_square, q)))
-            made.append(self._column(signals, self.parameters[1], j, ca.SX(1.0), energy=partial(ca.SX, q)))
-        return made
+            columns.append(self._column(signals, self.parameters[0], j, q, energy=partial(_half_square, q)))
+            columns.append(self._column(signals, self.parameters[1], j, ca.SX(1.0), energy=partial(ca.SX, q)))
+        return columns
 
 
 class TorqueRipple(Effect):
@@ -97,7 +97,8 @@ class TorqueRipple(Effect):
             30.0,
             proposal="angle_spectrum",
             refined=Refinement(0.025),
-            # What turns with the joint closes after a turn; what turns faster does so by a stage of gears at least.
+            # Parts that turn with the joint repeat after a whole turn, so their numbers of waves are whole. Other
+            # numbers come from parts behind a stage of gears, which turn several times as fast.
             least=5.0,
             is_whole=True,
         ),
@@ -113,25 +114,25 @@ class TorqueRipple(Effect):
     often_missed = 4
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """A per cent of the largest torque."""
+        """Return the usual size: a per cent of the largest torque."""
         torque = largest_torque(robot, joint)
         return Usual({"Ac": 0.012 * torque, "As": 0.009 * torque}, {"k": 20.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """A cosine and a sine column a joint."""
+        """Return a cosine and a sine column a joint."""
         constants = self.shape_with_defaults(shape)
-        made = []
+        columns = []
         for j in joints:
             k = constants["k"]
             cosine, sine = ca.cos(k * signals.q[j]), ca.sin(k * signals.q[j])
             stored = (partial(ca.SX, sine / k), partial(ca.SX, -cosine / k))
             for spec, wave, energy in zip(self.parameters, (cosine, sine), stored, strict=True):
-                made.append(self._column(signals, spec, j, wave, constants, energy))
-        return made
+                columns.append(self._column(signals, spec, j, wave, constants, energy))
+        return columns
 
 
 class BaseTilt(Effect):
-    """Gravity that is not where the description says: the whole robot leans."""
+    """Gravity in another direction than in the description: the whole robot is tilted."""
 
     id = "base_tilt"
     title = "Tilted base"
@@ -155,15 +156,15 @@ class BaseTilt(Effect):
     may_change = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """Two degrees, in a direction between the axes."""
+        """Return the usual size: two degrees, in a direction between the axes."""
         lean = float(np.linalg.norm(robot.gravity)) * np.sin(np.radians(2.0))
         return Usual({"gx": 0.8 * lean, "gy": -0.6 * lean})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """The torque that a tilt of gravity by one m/s² adds to the model so far, and what it makes of the first link.
+        """Return the torque that a tilt of gravity by one m/s² adds to the model so far, and that of the first link.
 
-        About an upright first axis the first link weighs nothing on a level base, so that nothing is known of where
-        its mass is: what a tilt makes of that is left open.
+        About an upright first axis the first link has no gravity torque on a level base, so that the place of its mass
+        is not identified. Two columns of their own stand for its torque on a tilted base.
         """
         directions = across(signals.robot.gravity)
         torques = [signals.predicted.gravity_torque(direction) for direction in directions]
@@ -175,7 +176,7 @@ class BaseTilt(Effect):
         return [self._robot_column(spec, torque) for spec, torque in zip(self.parameters, torques, strict=True)]
 
     def applicable(self, robot: Robot) -> tuple[int, ...]:
-        """Nowhere without gravity."""
+        """Return all joints, or none without gravity."""
         return tuple(range(robot.n)) if float(np.linalg.norm(robot.gravity)) > 0 else ()
 
 
@@ -210,7 +211,7 @@ class TransmissionCoupling(Effect):
     is_friction = True
 
     def usual(self, robot: Robot, joint: int) -> Usual:
-        """A fifth to a third of the usual drive."""
+        """Return the usual size: a fifth to a third of the usual drive."""
         torque = largest_torque(robot, joint)
         values = {
             "Iam": 0.2 * ROTOR_SHARE * torque,
@@ -220,10 +221,10 @@ class TransmissionCoupling(Effect):
         return Usual(values, {"side": 1.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
-        """Three columns for every joint of `joints` and the one after it, each on both rows."""
+        """Return three columns for every joint of `joints` and the one after it, each on both rows."""
         constants = self.shape_with_defaults(shape)
         side = 1.0 if constants["side"] >= 0 else -1.0
-        made = []
+        columns = []
         for j in joints:
             velocity = signals.dq[j] + side * signals.dq[j + 1]
             acceleration = signals.ddq[j] + side * signals.ddq[j + 1]
@@ -232,7 +233,7 @@ class TransmissionCoupling(Effect):
                 rows = ca.SX(signals.robot.n, 1)
                 rows[j] = torque
                 rows[j + 1] = side * torque
-                made.append(
+                columns.append(
                     Column(
                         effect=self.id,
                         parameter=spec.name,
@@ -244,10 +245,10 @@ class TransmissionCoupling(Effect):
                         energy=partial(_half_square, velocity) if spec.name == "Iam" else None,
                     )
                 )
-        return made
+        return columns
 
     def applicable(self, robot: Robot) -> tuple[int, ...]:
-        """Revolute joints whose successor in the chain is revolute too."""
+        """Return revolute joints whose successor in the chain is revolute too."""
         return tuple(
             j
             for j in range(robot.n - 1)
@@ -257,13 +258,14 @@ class TransmissionCoupling(Effect):
         )
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """Sum and difference."""
+        """Return sum and difference."""
         return [{"side": 1.0}, {"side": -1.0}]
 
 
 def across(gravity: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors (3,) at right angles to gravity and each other; x and y where gravity is along z."""
+    """Return two unit vectors (3,) at right angles to gravity and each other; x and y where gravity is along z."""
     down = gravity / np.linalg.norm(gravity)
+    # Start from the axis that is farthest from gravity, so that the projection is not lost in rounding.
     least = int(np.argmin(np.abs(down)))
     first = np.eye(3)[least] - down[least] * down
     first /= np.linalg.norm(first)

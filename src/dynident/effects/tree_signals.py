@@ -1,4 +1,4 @@
-"""The signals of the tree that carries the links of a machine whose joints are not all free."""
+"""Signals of the tree that carries the links of a machine with dependent joints."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from dynident.expressions.angles import turned
 
 
 class TreeSignals(Signals):
-    """Signals of the tree that carries a machine's links; what is made of them is seen from its driven joints.
+    """Signals of the tree that carries a machine's links; `columns` projects results to the driven joints.
 
     Parameters
     ----------
     owner : Signals
-        Of the driven joints; time, runs, hysteresis states and directions of friction are the same.
+        Signals of the driven joints; time, runs, hysteresis states and directions of friction are shared with it.
     """
 
     def __init__(self, owner: Signals) -> None:
@@ -33,53 +33,58 @@ class TreeSignals(Signals):
         count = linkage.tree.n
         movers = [min(linkage.movers(j), default=0) for j in range(count)]
         self.temperature = owner.temperature[movers]
-        told = owner.predicted
+        prediction = owner.predicted
+        # Motors sit on the driven joints alone: the other joints' drive parameters are zero.
         drives = ca.SX(count, len(DRIVE_PARAMETERS))
-        drives[list(linkage.driven), :] = ca.horzcat(*(told.drive(name) for _, name in DRIVE_PARAMETERS))
-        self.reference = ca.vertcat(told.inertia, ca.vec(drives))
+        drives[list(linkage.driven), :] = ca.horzcat(*(prediction.drive(name) for _, name in DRIVE_PARAMETERS))
+        self.reference = ca.vertcat(prediction.inertia, ca.vec(drives))
         self.motion = TreeMotion(linkage, (owner.q, owner.dq, owner.ddq, owner.dddq, owner.ddddq))
-        # Where `Robot.positions` has the joints.
+        # Hysteresis states count joints in the order of `Robot.positions`: the driven ones first.
         places = [*linkage.driven, *linkage.passive]
         self._place = [places.index(j) for j in range(count)]
 
     @classmethod
     def of(cls, owner: Signals) -> TreeSignals:
-        """Those of the machine of `owner`, made once."""
+        """Return the tree's signals for the machine of `owner`; they are built once."""
         if owner.of_tree is None:
             owner.of_tree = cls(owner)
         assert isinstance(owner.of_tree, cls)
         return owner.of_tree
 
     def seen(self, expression: ca.SX) -> ca.SX:
-        """An expression of the tree's motion as one of the driven joints' motion."""
+        """Return an expression of the tree's motion as an expression of the driven joints' motion."""
         used = {symbol.name() for symbol in ca.symvar(expression)}
         names = ("dq", "ddq", "dddq", "ddddq")
-        mine = [name for name in names if any(s.name() in used for s in ca.symvar(getattr(self, name)))]
-        own = [getattr(self, name) for name in mine]
+        used_names = [name for name in names if any(s.name() in used for s in ca.symvar(getattr(self, name)))]
+        symbols = [getattr(self, name) for name in used_names]
+        # Positions with their cosines and sines, which the closed loops have computed already.
         if any(s.name() in used for s in ca.symvar(self.q)):
             expression = turned(expression, self.q, self.motion.turns)
-        if not own:
+        if not symbols:
             return expression
-        seen: ca.SX = ca.substitute([expression], own, [ca.densify(getattr(self.motion, name)) for name in mine])[0]
-        return seen
+        value: ca.SX = ca.substitute(
+            [expression], symbols, [ca.densify(getattr(self.motion, name)) for name in used_names]
+        )[0]
+        return value
 
     def sign_of(self, velocity: ca.SX) -> ca.SX:
-        """The direction of friction at a relative velocity of the tree's joints."""
+        """Return the direction of friction at a relative velocity of the tree's joints."""
         return self._owner.sign_of(self.seen(velocity))
 
     def in_runs(self, signal: RunSignal) -> ca.SX:
-        """SX (1, 1): the symbol that is 1 in the signal's runs."""
+        """Return the symbol SX (1, 1) that is 1 in the signal's runs."""
         return self._owner.in_runs(signal)
 
     def memory(self, signal: MemorySignal) -> ca.SX:
-        """SX (1, 1): the symbol of a hysteresis state."""
+        """Return the symbol SX (1, 1) of a hysteresis state."""
         return self._owner.memory(replace(signal, joint=self._place[signal.joint]))
 
-    def columns(self, made: Sequence[Column]) -> list[Column]:
-        """Columns of the tree as columns of the driven joints."""
-        if not made:
+    def columns(self, tree_columns: Sequence[Column]) -> list[Column]:
+        """Return columns of the tree as columns of the driven joints."""
+        # All columns at once: they share most of their subexpressions.
+        if not tree_columns:
             return []
-        torques = self.motion.lowered(self.seen(ca.horzcat(*(column.torque for column in made))))
+        torques = self.motion.lowered(self.seen(ca.horzcat(*(column.torque for column in tree_columns))))
         return [
             replace(
                 column,
@@ -87,7 +92,7 @@ class TreeSignals(Signals):
                 energy=None if column.energy is None else partial(self._seen_part, column.energy),
                 wrench=None if column.wrench is None else partial(self._seen_part, column.wrench),
             )
-            for column, torque in zip(made, ca.horzsplit(torques), strict=True)
+            for column, torque in zip(tree_columns, ca.horzsplit(torques), strict=True)
         ]
 
     def _seen_part(self, part: Callable[[], ca.SX]) -> ca.SX:

@@ -1,4 +1,4 @@
-"""Effects as people write them: `effect`, `effect@joint`, `effect@joint+joint:constant=value`."""
+"""Text form of chosen effects: `effect`, `effect@joint`, `effect@joint+joint:constant=value`."""
 
 from __future__ import annotations
 
@@ -11,16 +11,23 @@ from dynident.errors import DynidentError
 _TITLE = "Unusable effect"
 
 
-def written_effects(given: Sequence[str], pointer: str = "/effects") -> tuple[EffectChoice, ...]:
-    """The effects that texts name; the word `default` stands for the four usual ones.
+def written_effects(texts: Sequence[str], pointer: str = "/effects") -> tuple[EffectChoice, ...]:
+    """Return the effects that texts name; the word `default` stands for the four default ones.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        One or several effects each, separated by commas.
+    pointer : str
+        JSON pointer to them in the user's request.
 
     Raises
     ------
     DynidentError
-        For a text that cannot be read. Whether there is such an effect, or joint, is not looked at.
+        For a text that cannot be read. It is not checked whether the effects and joints exist.
     """
     choices: list[EffectChoice] = []
-    for text in effect_texts(given):
+    for text in effect_texts(texts):
         if text == "default":
             choices += DEFAULT_EFFECTS
             continue
@@ -30,30 +37,30 @@ def written_effects(given: Sequence[str], pointer: str = "/effects") -> tuple[Ef
 
 
 def effect_text(choice: EffectChoice, digits: str = ".6g") -> str:
-    """An effect as `written_effects` reads it, with so many digits of its shape constants."""
+    """Return an effect as text that `written_effects` reads; `digits` is the format of shape constants."""
     joints = f"@{'+'.join(choice.joints)}" if choice.joints else ""
-    told = ((name, _word(choice.effect, name, value) or format(value, digits)) for name, value in choice.shape)
-    shape = ",".join(f"{name}={text}" for name, text in told)
+    constants = ((name, _word(choice.effect, name, value) or format(value, digits)) for name, value in choice.shape)
+    shape = ",".join(f"{name}={text}" for name, text in constants)
     return f"{choice.effect}{joints}{':' + shape if shape else ''}"
 
 
 def constant_in_words(effect: str, name: str, value: float) -> str:
-    """A shape constant of an effect without its unit: "vs = 0.05", "law: dahl"."""
+    """Return a shape constant of an effect without its unit: "vs = 0.05", "law: dahl"."""
     word = _word(effect, name, value)
     return f"{name} = {value:g}" if word is None else f"{name}: {word}"
 
 
 def _word(effect: str, name: str, value: float) -> str | None:
-    """What a constant means that is a choice between kinds; None for a number, and for what no catalogue holds."""
-    known = CATALOGUE.get(effect)
-    return next((spec.word(value) for spec in (known.shapes if known else ()) if spec.name == name), None)
+    """Return the meaning of a constant that is a choice between kinds; None for a number or an unknown effect."""
+    catalogued = CATALOGUE.get(effect)
+    return next((spec.word(value) for spec in (catalogued.shapes if catalogued else ()) if spec.name == name), None)
 
 
-def effect_texts(given: Sequence[str]) -> list[str]:
-    """Effects with commas between, or given one by one, each as a text of its own."""
+def effect_texts(arguments: Sequence[str]) -> list[str]:
+    """Split texts at commas into one text for each effect."""
     texts: list[str] = []
-    for item in [item.strip() for text in given for item in text.split(",") if item.strip()]:
-        # Values of shape constants, and joints, may themselves follow commas: they carry on the effect before.
+    for item in [item.strip() for text in arguments for item in text.split(",") if item.strip()]:
+        # Shape constants are separated by commas, too: `name=value` after an effect with constants belongs to it.
         if texts and "=" in item and ":" not in item and "@" not in item and ":" in texts[-1]:
             texts[-1] += f",{item}"
         else:
@@ -71,8 +78,10 @@ def effect_parts(text: str, pointer: str) -> tuple[str, tuple[str, ...], dict[st
             pointer=pointer,
             title=_TITLE,
         )
-    known = CATALOGUE.get(name.strip())
-    words = {(spec.name, word): value for spec in (known.shapes if known else ()) for value, word in spec.words}
+    catalogued = CATALOGUE.get(name.strip())
+    words = {
+        (spec.name, word): value for spec in (catalogued.shapes if catalogued else ()) for value, word in spec.words
+    }
     shape = dict(_constant(item, words, pointer) for item in constants.split(",") if item.strip())
     return name.strip(), tuple(joint.strip() for joint in joints.split("+") if joint.strip()), shape
 

@@ -1,8 +1,8 @@
-"""Rows of an equation that are told apart: where friction changes its sign, and where it has none.
+"""Rows of an equation that are counted separately: at rest, at reversals and next to a halt.
 
-An equation of dry friction is an equation only while its joint moves, or turns round in one sweep. Where the joint
-stands it is two inequalities: the torque lies between what the model says for either direction. Rows that hold a halt
-and motion beside it are equations of that motion.
+An equation of dry friction holds only while its joint moves, or reverses in one sweep. Where the joint stands still it
+becomes two inequalities: the torque lies between what the model predicts for either direction of friction. Rows that
+hold both a halt and motion next to it are equations of that motion.
 """
 
 from __future__ import annotations
@@ -16,18 +16,27 @@ from dynident.arrays import FloatArray
 from dynident.estimation.triangles import squared, triangular
 
 MOST = 1000
-"""Rows at rest that are kept of one equation of a recording; of more, every so many-th."""
+"""Largest number of rows at rest that are kept of one equation of a recording. Of more, every so many-th row is kept.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Apart:
-    """Rows that are fitted to with all others, and known apart: `factor` (p + 1, p + 1) of [W | Y], of `count` rows."""
+    """Rows that take part in the fit and whose residual is also known separately.
+
+    Parameters
+    ----------
+    factor : (p + 1, p + 1)
+        Triangular factor of [W | Y] of these rows.
+    count : int
+        Number of rows.
+    """
 
     factor: FloatArray
     count: int
 
     def squares(self, values: FloatArray) -> float:
-        """Squared residual of parameters (p,)."""
+        """Return the sum of squared residuals for parameters (p,)."""
         rest = self.factor[:, -1] - self.factor[:, :-1] @ values
         return float(rest @ rest)
 
@@ -37,28 +46,37 @@ class Apart:
         return float(self.factor[:, -1] @ self.factor[:, -1])
 
     def select(self, picked: Sequence[int]) -> Apart:
-        """The same with only these of the columns."""
+        """Return the same rows with only the columns `picked`."""
         return Apart(squared(triangular(self.factor[:, [*picked, -1]])), self.count)
 
     def combined(self, change: FloatArray) -> Apart:
-        """The same with columns that are combinations: [W | Y] change (p + 1, p' + 1)."""
+        """Return the same rows with combined columns: [W | Y] change, with change (p + 1, p' + 1)."""
         return Apart(squared(triangular(self.factor @ change)), self.count)
 
     @classmethod
     def joined(cls, parts: Sequence[Apart]) -> Apart:
-        """Those of several recordings."""
+        """Join the rows of several recordings."""
         factor = squared(triangular(np.concatenate([part.factor for part in parts])))
         return cls(factor, sum(part.count for part in parts))
 
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """What one equation, with p columns, has beside the rows that only count while its joint moves.
+    """What one equation with p columns has besides the rows that only count while its joint moves.
 
-    `turning`: rows where the joint turns round, None where the equation tells them apart by stretches; `partial`: rows
-    beside a halt, of the motion in them alone. Both are among those that are fitted to. `upper`, `lower` (m, p) are
-    rows of W at rest with the friction of either direction, `y` (m,) what was measured there, and `weights` (m,) the
-    rows that each stands for.
+    Parameters
+    ----------
+    turning : Apart or None
+        Rows at reversals of the joint, which take part in the fit; None where the equation keeps them by blocks of time
+        (`Turned`).
+    partial : Apart
+        Rows next to a halt, of the motion in them alone. They take part in the fit.
+    upper, lower : (m, p)
+        Rows of W at rest, with the friction of either direction.
+    y : (m,)
+        What was measured there.
+    weights : (m,)
+        Number of rows that each of these rows stands for.
     """
 
     turning: Apart | None
@@ -69,7 +87,7 @@ class Beside:
     weights: FloatArray
 
     def standing_squares(self, values: FloatArray) -> float:
-        """Squared distance of what was measured at rest to the band of parameters (p,)."""
+        """Return the weighted sum of squared distances of y at rest to the friction band of parameters (p,)."""
         return float(self.weights @ distance_to_band(self.y, self.lower @ values, self.upper @ values) ** 2)
 
     @property
@@ -83,27 +101,37 @@ class Beside:
         return float(self.weights.sum())
 
     def select(self, places: Sequence[int]) -> Beside:
-        """The same with only these of the columns."""
+        """Return the same rows with only the columns at `places`."""
         picked = list(places)
         turning = None if self.turning is None else self.turning.select(picked)
         upper, lower = self.upper[:, picked], self.lower[:, picked]
         return replace(self, turning=turning, partial=self.partial.select(picked), upper=upper, lower=lower)
 
     def combined(self, change: FloatArray) -> Beside:
-        """The same with columns that are combinations: [W | Y] change (p + 1, p' + 1), where Y stays what it is."""
-        own = change[:-1, :-1]
+        """Return the same rows with combined columns: [W | Y] change (p + 1, p' + 1), where Y must stay as it is."""
+        column_change = change[:-1, :-1]
         turning = None if self.turning is None else self.turning.combined(change)
-        upper, lower = self.upper @ own, self.lower @ own
+        upper, lower = self.upper @ column_change, self.lower @ column_change
         return replace(self, turning=turning, partial=self.partial.combined(change), upper=upper, lower=lower)
 
 
-def distance_to_band(y: FloatArray, one: FloatArray, other: FloatArray) -> FloatArray:
-    """Signed distance of y to the band between `one` and `other`, any shape; zero inside."""
-    return np.asarray(y - np.clip(y, np.minimum(one, other), np.maximum(one, other)))
+def distance_to_band(y: FloatArray, first_bound: FloatArray, second_bound: FloatArray) -> FloatArray:
+    """Return the signed distance of y to the band between two bounds.
+
+    Parameters
+    ----------
+    y, first_bound, second_bound : arrays of any shape, the same for all
+        The bounds may be in either order.
+
+    Returns
+    -------
+    array of that shape, zero inside the band
+    """
+    return np.asarray(y - np.clip(y, np.minimum(first_bound, second_bound), np.maximum(first_bound, second_bound)))
 
 
 def beside_all(parts: Sequence[Beside | None]) -> Beside | None:
-    """What is beside one equation in several recordings; None where one of them does not say."""
+    """Join the rows at rest and at reversals of several recordings; None where one recording does not have them."""
     known = [part for part in parts if part is not None]
     if len(known) < len(parts) or not known:
         return None
@@ -119,7 +147,13 @@ def beside_all(parts: Sequence[Beside | None]) -> Beside | None:
 
 
 class BesideAccumulator:
-    """Collects what is beside one equation with p columns, as it comes."""
+    """Collects the rows at rest and next to halts of one equation, block by block.
+
+    Parameters
+    ----------
+    n_columns : int
+        Number of columns p of the equation.
+    """
 
     def __init__(self, n_columns: int) -> None:
         self._p = n_columns
@@ -127,7 +161,7 @@ class BesideAccumulator:
         self._parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
 
     def push_partial(self, rows: FloatArray) -> None:
-        """Add rows of [W | Y] (m, p + 1) of the motion beside a halt."""
+        """Add rows of [W | Y] (m, p + 1) of the motion next to a halt."""
         self._partial = _with_rows(self._partial, rows)
 
     def push_standing(self, upper: FloatArray, lower: FloatArray, y: FloatArray) -> None:
@@ -136,13 +170,14 @@ class BesideAccumulator:
             self._parts.append((upper, lower, y))
 
     def finish(self) -> Beside:
-        """All that was collected."""
+        """Return all rows that were collected, thinned to at most `MOST` at rest."""
         parts = self._parts or [(np.zeros((0, self._p)), np.zeros((0, self._p)), np.zeros(0))]
         upper, lower, y = (np.concatenate(items) for items in zip(*parts, strict=True))
-        every = -(-len(y) // MOST) if len(y) else 1
-        weights = np.full(len(y[::every]), len(y) / max(len(y[::every]), 1))
-        kept = upper[::every], lower[::every], y[::every]
-        return Beside(None, self._partial, *kept, weights)
+        # Ceiling division. The rows that stay count for the ones left out, so that sums over them keep their size.
+        stride = -(-len(y) // MOST) if len(y) else 1
+        weights = np.full(len(y[::stride]), len(y) / max(len(y[::stride]), 1))
+        thinned = upper[::stride], lower[::stride], y[::stride]
+        return Beside(None, self._partial, *thinned, weights)
 
 
 def _with_rows(known: Apart, rows: FloatArray) -> Apart:

@@ -1,10 +1,10 @@
-"""How far estimates move when stretches of time are drawn anew: a check of what is told without drawing.
+"""Bootstrap of the estimates over blocks of time: a check of the standard deviations that formulas give.
 
-Few stretches (below thirty) are best drawn by the wild cluster bootstrap: the residuals of each keep their place and
-take a random weight, one for a stretch across all equations (Cameron, Gelbach and Miller 2008), of six values (Webb
-2014: two would give too few different draws), with the leverage of each stretch taken out of its residuals (MacKinnon,
-Nielsen and Webb 2023). Of many, whole stretches are drawn with replacement (pairs). In every draw the equations are
-weighed anew. Nothing is read again: the stretches' factors are all there is to it.
+Few blocks (below thirty) are best drawn by the wild cluster bootstrap: the residuals of each block keep their place and
+take a random weight, one per block across all equations (Cameron, Gelbach and Miller 2008), of six values (Webb
+2014: two would give too few different draws), with the leverage of each block removed from its residuals (MacKinnon,
+Nielsen and Webb 2023). Of many blocks, whole ones are drawn with replacement (pairs). Every draw estimates the weights
+of the equations again. No data is read again: the factors of the blocks hold all that is needed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from dynident.estimation.least_squares import Solution
 Drawing = Literal["wild", "pairs"]
 
 MANY = 30
-"""Stretches of time from which pairs are drawn: of fewer, too many draws lack what some parameter is told by."""
+"""Number of blocks from which pairs are drawn. With fewer, too many draws lack a block that some parameter needs."""
 
 DRAWS = 999
 
@@ -34,7 +34,18 @@ _LOST = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Bootstrap:
-    """Standard deviations (c,) of estimates over draws, of which `lost` did not determine all parameters."""
+    """Standard deviations of estimates over bootstrap draws.
+
+    Parameters
+    ----------
+    deviations : (c,)
+        Standard deviation of each parameter over the draws that determined all of them.
+    kind : {"wild", "pairs"}
+    draws : int
+        Number of draws.
+    lost : int
+        Number of draws that did not determine all parameters.
+    """
 
     deviations: FloatArray
     kind: Drawing
@@ -51,38 +62,47 @@ def bootstrap(
     seed: int = 0,
     reweigh: bool = True,
 ) -> Bootstrap:
-    """Draw stretches of time anew and solve from their factors.
+    """Draw blocks of time at random and solve from their factors.
 
     Parameters
     ----------
-    reduction, solution : the data and the estimate
-    kind : optional
-        By the number of stretches where it is left out.
+    reduction, solution : Reduction, Solution
+        The data and the estimate from it.
+    kind : {"wild", "pairs"}, optional
+        How to draw; chosen by the number of blocks where it is left out.
+    draws : int
+        Number of draws.
+    seed : int
+        Of the random numbers.
     reweigh : bool
-        Whether the noise of every equation is estimated in each draw.
+        Whether the noise of every equation is estimated again in each draw.
+
+    Returns
+    -------
+    Bootstrap
 
     Notes
     -----
-    In coordinates d with χ = χ̂ + root d, in which WᵀW is one, everything a draw needs is Σ over stretches of what each
-    knows of d, of its scores and of its squared residuals, equation by equation.
+    In coordinates d with χ = χ̂ + root d, in which WᵀW is one, everything a draw needs are sums over blocks: of the
+    information that each holds about d, of its scores and of its squared residuals, equation by equation.
     """
     parts = _Parts.of(reduction, solution)
     kind = kind or ("wild" if len(parts.squares) < MANY else "pairs")
     rng = np.random.default_rng(seed)
-    one = parts.wild if kind == "wild" else parts.pairs
-    found = [one(rng, reweigh) for _ in range(draws)]
-    kept = np.array([d for d in found if d is not None]).reshape(-1, solution.root.shape[1])
-    moved = kept @ solution.root.T
-    deviations = moved.std(axis=0, ddof=1) if len(kept) > 1 else np.full(len(solution.values), np.nan)
-    return Bootstrap(deviations, kind, draws, draws - len(kept))
+    draw_change = parts.wild if kind == "wild" else parts.pairs
+    changes = [draw_change(rng, reweigh) for _ in range(draws)]
+    determined = np.array([d for d in changes if d is not None]).reshape(-1, solution.root.shape[1])
+    estimate_changes = determined @ solution.root.T
+    deviations = estimate_changes.std(axis=0, ddof=1) if len(determined) > 1 else np.full(len(solution.values), np.nan)
+    return Bootstrap(deviations, kind, draws, draws - len(determined))
 
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """What every stretch s and equation e knows: A (s, e, f, f), g (s, e, f), ||ρ||² (s, e), rows (s, e); weighted.
+    """What each block s contributes in equation e: A (s, e, f, f), g (s, e, f), ||ρ||² (s, e), rows (s, e); weighted.
 
-    `known` (k, f) are rows known beside the data and `off` (k,) what the estimate leaves of them. `straight` and
-    `straight_squares` are g and ||ρ||² with the leverage taken out.
+    `known` (k, f) are rows of prior knowledge and `off` (k,) their residual at the estimate. `straight` and
+    `straight_squares` are g and ||ρ||² with the leverage removed.
     """
 
     information: FloatArray
@@ -112,6 +132,8 @@ class _Parts:
             counts[:, e] = equation.counts
         filled = occupied(reduction)
         information, scores, squares, counts = information[filled], scores[filled], squares[filled], counts[filled]
+        # A block pulls the estimate towards itself, which shrinks its own residuals. Undo that with (1 - A)⁻¹, as CR3
+        # does.
         u = np.einsum("sij,sj->si", without_leverage(information.sum(axis=1)), scores.sum(axis=1))
         moved = np.einsum("seij,sj->sei", information, u)
         straight = scores + moved
@@ -123,17 +145,18 @@ class _Parts:
         return cls(information, scores, squares, counts, known, off, straight, longer)
 
     def wild(self, rng: np.random.Generator, reweigh: bool) -> FloatArray | None:
-        """The change d (f,) in a draw of weights for the residuals of all stretches."""
+        """Return the change d (f,) in one draw of random weights for the residuals of all blocks."""
         v = rng.choice(np.concatenate([-_WEBB, _WEBB]), size=len(self.squares))
         squares = v**2 @ self.straight_squares
         usual = self.straight_squares.sum(axis=0)
+        # Prior knowledge is no block of time: it is redrawn from the normal distribution that it stands for.
         prior = self.known.T @ rng.standard_normal(len(self.known))
         return self._solved(
             self.information.sum(axis=0), np.tensordot(v, self.straight, 1), squares, usual, prior, reweigh
         )
 
     def pairs(self, rng: np.random.Generator, reweigh: bool) -> FloatArray | None:
-        """The change d (f,) in a draw of stretches with replacement; None where it does not determine all."""
+        """Return the change d (f,) in one draw of blocks with replacement; None where it does not determine all."""
         s = len(self.squares)
         m = np.bincount(rng.integers(s, size=s), minlength=s).astype(np.float64)
         usual = self.squares.sum(axis=0) * (m @ self.counts) / np.maximum(self.counts.sum(axis=0), 1.0)
@@ -150,15 +173,25 @@ class _Parts:
         prior: FloatArray,
         reweigh: bool,
     ) -> FloatArray | None:
-        """Least squares of A (e, f, f), g (e, f), by turns with the weights of the equations where they are weighed."""
-        own = self.known.T @ self.known
+        """Solve A (e, f, f), g (e, f) by least squares, in turn with the weights of the equations."""
+        prior_information = self.known.T @ self.known
         weights: FloatArray = np.ones(len(squares))
-        d: FloatArray = np.zeros(len(own))
+        d: FloatArray = np.zeros(len(prior_information))
         for _ in range(_ROUNDS if reweigh else 1):
-            matrix = np.tensordot(weights, information, 1) + own
+            matrix = np.tensordot(weights, information, 1) + prior_information
+            # In these coordinates the full data has eigenvalues of one. A draw that keeps hardly any of one direction
+            # would give an arbitrary estimate there, so it is counted as lost.
             if np.linalg.eigvalsh(matrix)[0] < _LOST * float(weights.min()):
                 return None
             d = np.asarray(np.linalg.solve(matrix, weights @ scores + prior), dtype=np.float64)
-            left = squares - 2.0 * scores @ d + np.einsum("eij,i,j->e", information, d, d)
-            weights = np.asarray(np.where((usual > 0) & (left > 0), usual / np.where(left > 0, left, 1.0), 1.0))
+            residual_squares = squares - 2.0 * scores @ d + np.einsum("eij,i,j->e", information, d, d)
+            # The weight of an equation falls as its residual variance in this draw rises above the variance that is
+            # expected.
+            weights = np.asarray(
+                np.where(
+                    (usual > 0) & (residual_squares > 0),
+                    usual / np.where(residual_squares > 0, residual_squares, 1.0),
+                    1.0,
+                )
+            )
         return np.asarray(d)

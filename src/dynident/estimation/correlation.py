@@ -1,4 +1,4 @@
-"""By how much the rows of correlated residuals overstate the information in them."""
+"""Inflation factors: by how much the rows of correlated residuals overstate the information in them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,18 @@ _FEWEST_STRETCHES = 5
 
 
 def correlation_factor(equation: EquationFactors, values: FloatArray) -> float:
-    """By how much the rows of one equation overstate the information in them (at least 1), at parameters χ (c,).
+    """Return by how much the rows of one equation overstate the information in them, at least 1.
 
-    With g_s = W_sᵀρ_s the score of stretch s and A = WᵀW: Σ g_sᵀ A⁻¹ g_s over what it would be for independent
-    residuals of the same size, σ² (p - Σ tr((A⁻¹A_s)²)); the second term is what the fit itself takes away.
+    Parameters
+    ----------
+    equation : EquationFactors
+    values : (c,)
+        Parameters χ at which the residuals are taken.
+
+    Notes
+    -----
+    With g_s = W_sᵀρ_s the score of block s and A = WᵀW: Σ g_sᵀ A⁻¹ g_s over what it would be for independent
+    residuals of the same size, σ² (p - Σ tr((A⁻¹A_s)²)); the second term is what the fit itself removes.
     """
     rests = equation.factors[:, :, -1] - equation.factors[:, :, :-1] @ values[equation.columns]
     rows = float(equation.counts.sum())
@@ -26,17 +34,28 @@ def correlation_factor(equation: EquationFactors, values: FloatArray) -> float:
 
 
 def correlation_factors(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """(n,): the correlation factor of every equation."""
+    """Return the correlation factor of every equation (n,) at parameters χ (c,)."""
     return np.array([correlation_factor(equation, values) for equation in reduction.equations])
 
 
 def effective_rows(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """(n,): how many independent samples the rows of every equation are worth."""
+    """Return how many independent samples the rows of every equation are worth.
+
+    Parameters
+    ----------
+    reduction : Reduction
+    values : (c,)
+        Parameters χ at which the residuals are taken.
+
+    Returns
+    -------
+    (n,) array
+    """
     return reduction.row_counts / correlation_factors(reduction, values)
 
 
 def overstatement(w: FloatArray, rests: FloatArray, rows: float) -> float:
-    """The same for columns (s, m, p) and residuals (s, m) of every stretch, which stand for so many rows together."""
+    """Return the correlation factor of columns (s, m, p) and residuals (s, m) that stand for `rows` rows together."""
     if not _enough(w, rows):
         return 1.0
     return _overstated(whitened(w, triangular(w.reshape(-1, w.shape[2]))), rests, rows)
@@ -50,9 +69,11 @@ def _enough(w: FloatArray, rows: float) -> bool:
 def _overstated(columns: Whitened | None, rests: FloatArray, rows: float) -> float:
     if columns is None:
         return 1.0
+    # With whitened columns A is one, so that the score's weighted square is a plain sum of squares.
     scores = (rests[:, None, :] @ columns.rows)[:, 0]
     variance = float(np.sum(rests * rests)) / max(rows - columns.count, 1.0)
     expected = variance * (columns.count - columns.spread)
     if expected <= 0 or variance == 0:
         return 1.0
+    # Below one would mean that rows hold more than their own number of samples: it is chance, and is not used.
     return float(max(1.0, np.sum(scores * scores) / expected))

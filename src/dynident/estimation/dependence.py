@@ -1,4 +1,4 @@
-"""Which parameters the data show only together: correlations of the estimates, and directions hardly seen."""
+"""Collinearity: parameters that the data determine only together, and directions that they hardly determine."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dynident.estimation.least_squares import Solution
 from dynident.estimation.statistics import Statistics, correlations
 
 CLOSE = 0.9
-"""Two estimates with a correlation above this are determined mostly together."""
+"""Correlation of two estimates above which they are determined mostly together."""
 
 HARDLY, NEVER = 50.0, 1000.0
 """How many times less than the best direction one is seen to be called hardly, or not, determined."""
@@ -31,10 +31,16 @@ class CloseTogether:
 
 @dataclass(frozen=True)
 class HardlySeen:
-    """A combination of parameters that the data hardly show.
+    """A combination of parameters that the data hardly determine.
 
-    `parts`: (number, factor) with the largest factor 1 first; `ratio`: how many times less than the best direction the
-    torque shows it, columns of W taken for equally large; `deviation`: standard deviation of the combination.
+    Parameters
+    ----------
+    parts : tuple of (number, factor)
+        The parameters in it, the one with the largest factor, 1, first.
+    ratio : float
+        How many times less than the best direction the torque shows it, with columns of W scaled to equal size.
+    deviation : float
+        Standard deviation of the combination.
     """
 
     parts: tuple[tuple[int, float], ...]
@@ -44,21 +50,34 @@ class HardlySeen:
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
-    """Correlation (c, c) of all estimates, pairs that are close together and combinations hardly seen, worst first."""
+    """Correlation (c, c) of all estimates, close pairs and poorly determined directions, worst first."""
 
     correlation: FloatArray
     pairs: tuple[CloseTogether, ...]
     directions: tuple[HardlySeen, ...]
 
 
-def dependence(solution: Solution, found: Statistics, most: int = 10) -> Dependence:
-    """Find what the data show only together; at most so many pairs and directions."""
-    correlation = correlations(found.covariance)
+def dependence(solution: Solution, uncertainty: Statistics, most: int = 10) -> Dependence:
+    """Find parameters that the data determine only together.
+
+    Parameters
+    ----------
+    solution : Solution
+    uncertainty : Statistics
+        Covariance of the same estimates.
+    most : int
+        Largest number of pairs and of directions.
+
+    Returns
+    -------
+    Dependence
+    """
+    correlation = correlations(uncertainty.covariance)
     # A parameter that is fixed has no correlation with anything.
-    fixed = np.diag(found.covariance) <= 0
+    fixed = np.diag(uncertainty.covariance) <= 0
     correlation[fixed] = correlation[:, fixed] = 0.0
     np.fill_diagonal(correlation, 1.0)
-    return Dependence(correlation, _pairs(correlation, most), _directions(solution, found, most))
+    return Dependence(correlation, _pairs(correlation, most), _directions(solution, uncertainty, most))
 
 
 def _pairs(correlation: FloatArray, most: int) -> tuple[CloseTogether, ...]:
@@ -68,22 +87,25 @@ def _pairs(correlation: FloatArray, most: int) -> tuple[CloseTogether, ...]:
     return tuple(CloseTogether(int(first[k]), int(second[k]), float(sizes[k])) for k in order)
 
 
-def _directions(solution: Solution, found: Statistics, most: int) -> tuple[HardlySeen, ...]:
+def _directions(solution: Solution, uncertainty: Statistics, most: int) -> tuple[HardlySeen, ...]:
     scales = solution.scales
     if len(scales) == 0 or np.any(scales <= 0):
         return ()
+    # Scaled columns make the ratio independent of the parameters' units.
     _, singular, vt = np.linalg.svd(solution.factor / scales)
-    hidden: list[HardlySeen] = []
+    weak_directions: list[HardlySeen] = []
     for size, direction in zip(singular[::-1], vt[::-1], strict=True):
         ratio = float(singular[0] / size) if size > 0 else float("inf")
-        if ratio < HARDLY or len(hidden) == most:
+        if ratio < HARDLY or len(weak_directions) == most:
             break
-        shown = np.flatnonzero(np.abs(direction) >= _SHOWN * np.abs(direction).max())
+        members = np.flatnonzero(np.abs(direction) >= _SHOWN * np.abs(direction).max())
         # The combination whose estimate is bad: v in columns of equal size is v times their sizes in parameters.
         weights = direction * scales
-        largest = shown[np.argmax(np.abs(weights[shown]))]
+        largest = members[np.argmax(np.abs(weights[members]))]
         weights = weights / weights[largest]
-        order = shown[np.argsort(-np.abs(weights[shown]), kind="stable")]
+        order = members[np.argsort(-np.abs(weights[members]), kind="stable")]
         parts = tuple((int(k), float(weights[k])) for k in order)
-        hidden.append(HardlySeen(parts, ratio, float(np.sqrt(max(weights @ found.covariance @ weights, 0.0)))))
-    return tuple(hidden)
+        weak_directions.append(
+            HardlySeen(parts, ratio, float(np.sqrt(max(weights @ uncertainty.covariance @ weights, 0.0))))
+        )
+    return tuple(weak_directions)

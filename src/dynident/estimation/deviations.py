@@ -1,4 +1,4 @@
-"""Standard deviations where rows may leave parameters open, and what they owe to knowledge beside the data."""
+"""Standard deviations where rows may leave parameters undetermined, and which of them rest on prior knowledge."""
 
 from __future__ import annotations
 
@@ -15,9 +15,18 @@ _OWED = 2.0
 
 
 def deviations(rows: FloatArray, held: FloatArray | None = None) -> FloatArray:
-    """(c,): standard deviations of parameters that rows (r, c), in units of their noise, determine.
+    """Return the standard deviations (c,) of parameters that rows determine.
 
-    `held` (h, c): directions that constraints hold, taken as certain. Infinite where a parameter is left open.
+    Parameters
+    ----------
+    rows : (r, c)
+        Rows of W in units of their noise.
+    held : (h, c), optional
+        Directions that constraints hold, taken as certain.
+
+    Returns
+    -------
+    (c,) array, infinite where a parameter is left undetermined
     """
     size = np.linalg.norm(rows, axis=0)
     size = np.where(size > 0, size, 1.0)
@@ -27,23 +36,28 @@ def deviations(rows: FloatArray, held: FloatArray | None = None) -> FloatArray:
     enough = singular > _NULL * max(float(singular.max(initial=0.0)), np.finfo(float).tiny)
     count = int(np.count_nonzero(enough))
     determined = moving @ (vt[:count].T / singular[:count])
+    # A parameter counts as undetermined as soon as an undetermined direction contains it by more than rounding.
     loose = np.abs(moving @ vt[count:].T).max(axis=1, initial=0.0) > _LOOSE
     return np.asarray(np.where(loose, np.inf, np.linalg.norm(determined, axis=1) / size))
 
 
 def null_space(rows: FloatArray, size: float = float(np.finfo(float).tiny)) -> FloatArray:
-    """(c, k): orthonormal columns that the rows (h, c) make zero, beside the largest singular value or `size`."""
+    """Return orthonormal columns (c, k) that the rows (h, c) map to zero.
+
+    A singular value counts as zero when it is small compared to the largest one, or to `size` where that is larger.
+    """
     _, singular, vt = np.linalg.svd(rows, full_matrices=True)
     rank = int(np.count_nonzero(singular > _NULL * max(float(singular.max(initial=0.0)), size)))
     return np.asarray(vt[rank:].T)
 
 
 def owed_to_known(reduction: Reduction, solution: Solution) -> NDArray[np.bool_]:
-    """(c,): which parameters are known for what was known beside the data rather than for the data."""
+    """Return which parameters (c,) rest on prior knowledge rather than on the data."""
     if solution.known is None:
         return np.zeros(len(solution.values), dtype=bool)
     noise = doubtful_noise(reduction, solution.values)
     c = reduction.n_columns
+    # The noise is corrected for correlated rows, as it is where prior knowledge is weighed against the data.
     alone = deviations(weighted_factor(reduction, noise)[:c, :c])
     together = deviations(weighted_factor(reduction, noise, solution.known)[:c, :c])
     return np.asarray(alone > _OWED * together)

@@ -1,11 +1,11 @@
 """Essential parameters: the few that the data show, by backward elimination [Pham and Gautier 1991].
 
-The parameter with the largest relative standard deviation is set to zero and the others are estimated anew, until the
-relative standard deviations are within a factor of ten of one another (the chapter's rule for a well identified
-parameter, §12.7), or until what was taken out is more than the noise can explain.
+The parameter with the largest relative standard deviation is set to zero and the others are estimated again. This
+repeats until the relative standard deviations are within a factor of ten of one another (the chapter's rule for a well
+identified parameter, §12.7), or until the noise cannot explain what was removed.
 
-The test counts independent samples, not rows: what was taken out so far, held against its own covariance in the full
-model, χ_Sᵀ C_SS⁻¹ χ_S / |S|, is distributed as F(|S|, effective rows - parameters) where the truth is zero.
+The test counts independent samples, not rows: what was removed so far is compared with its own covariance in the full
+model; χ_Sᵀ C_SS⁻¹ χ_S / |S| is distributed as F(|S|, effective rows - parameters) where the truth is zero.
 """
 
 from __future__ import annotations
@@ -27,18 +27,28 @@ from dynident.estimation.triangles import triangular
 Stop = Literal["ratio", "test", "last"]
 
 RATIO = 10.0
-"""Largest over smallest relative standard deviation at which the elimination ends."""
+"""Ratio of the largest to the smallest relative standard deviation at which the elimination ends."""
 
 LEVEL = 0.05
-"""Of the test: what is taken out ends the elimination if noise alone would explain it more rarely than this."""
+"""Significance level of the test: the elimination ends if noise alone would explain more rarely what was removed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """One parameter less: `removed` its number, `relative_deviation` its relative standard deviation before.
+    """One step of the elimination: one parameter is removed.
 
-    `ratio` of the largest to the smallest relative standard deviation before; `statistic` F and `p_value` of all that
-    is then taken out, this one included; `values` (c,) of all parameters afterwards, zero where taken out.
+    Parameters
+    ----------
+    removed : int
+        Number of the parameter.
+    relative_deviation : float
+        Its relative standard deviation before the step.
+    ratio : float
+        Ratio of the largest to the smallest relative standard deviation before the step.
+    statistic, p_value : float
+        F test of everything that is removed so far, this parameter included.
+    values : (c,)
+        All parameters after the step, zero where removed.
     """
 
     removed: int
@@ -51,10 +61,18 @@ class Elimination:
 
 @dataclass(frozen=True, eq=False)
 class EliminationPath:
-    """The eliminations in their order, and why they end.
+    """The steps of an elimination in their order, and why they end.
 
-    `stop`: "ratio" where the rule of ten is met, "test" where the next elimination, `refused`, would take out more than
-    noise, "last" where one parameter is left. `ratio`: what is left of the ratio.
+    Parameters
+    ----------
+    eliminations : tuple of Elimination
+    stop : {"ratio", "test", "last"}
+        "ratio" where the rule of ten is met, "test" where the next step would remove more than noise, "last" where one
+        parameter is left.
+    ratio : float
+        Ratio of the relative standard deviations at the end.
+    refused : Elimination or None
+        The step that failed the test.
     """
 
     eliminations: tuple[Elimination, ...]
@@ -64,69 +82,76 @@ class EliminationPath:
 
     @property
     def removed(self) -> tuple[int, ...]:
-        """Numbers of the parameters that are taken out, in that order."""
+        """Numbers of the removed parameters, in the order of their removal."""
         return tuple(step.removed for step in self.eliminations)
 
 
 def eliminate(
-    reduction: Reduction, solution: Solution, found: Statistics, ratio: float = RATIO, level: float = LEVEL
+    reduction: Reduction, solution: Solution, uncertainty: Statistics, ratio: float = RATIO, level: float = LEVEL
 ) -> EliminationPath:
-    """Take parameters out of a solved model, one at a time.
+    """Remove parameters from a solved model, one at a time.
 
     Weights, residual noise and its correlation stay those of the full model, so that every step is small algebra on
     one triangular factor.
 
     Parameters
     ----------
-    reduction, solution, found : the data, the full model's solution and its statistics
+    reduction, solution, uncertainty : Reduction, Solution, Statistics
+        The data, the full model's solution and its statistics.
     ratio : float
-        The rule of ten's ten.
+        Ratio of relative standard deviations to reach (the ten of the rule of ten).
     level : float
-        Of the test on what is taken out.
+        Significance level of the test on what is removed.
+
+    Returns
+    -------
+    EliminationPath
     """
     c = reduction.n_columns
     r = weighted_factor(reduction, solution.noise, solution.known)
-    freedom = max(float(found.effective_rows.sum()) - c, 1.0)
+    freedom = max(float(uncertainty.effective_rows.sum()) - c, 1.0)
     gram = r[:c, :c].T @ r[:c, :c]
-    meat = gram @ found.covariance @ gram
-    kept = np.arange(c)
-    full, full_covariance = _fitted(r, kept, meat)
+    # The sandwich's inner matrix, recovered from the covariance: smaller models take their block of it.
+    meat = gram @ uncertainty.covariance @ gram
+    remaining = np.arange(c)
+    full, full_covariance = _fitted(r, remaining, meat)
     values, covariance = full, full_covariance
-    taken: list[Elimination] = []
+    eliminations: list[Elimination] = []
     while True:
         relative = _relative(values, covariance)
         spread = _spread(relative)
         if spread < ratio:
-            return EliminationPath(tuple(taken), "ratio", spread, None)
-        if len(kept) == 1:
-            return EliminationPath(tuple(taken), "last", spread, None)
+            return EliminationPath(tuple(eliminations), "ratio", spread, None)
+        if len(remaining) == 1:
+            return EliminationPath(tuple(eliminations), "last", spread, None)
         worst = int(np.argmax(relative))
-        removed = np.array([*(step.removed for step in taken), kept[worst]], dtype=np.intp)
+        removed = np.array([*(step.removed for step in eliminations), remaining[worst]], dtype=np.intp)
+        # The test is on the full model's estimates, so that earlier steps do not bias it.
         statistic = _wald(full, full_covariance, removed)
-        rest = np.delete(kept, worst)
+        rest = np.delete(remaining, worst)
         smaller, smaller_covariance = _fitted(r, rest, meat)
-        everything = np.zeros(c)
-        everything[rest] = smaller
+        padded_values = np.zeros(c)
+        padded_values[rest] = smaller
         step = Elimination(
-            int(kept[worst]),
+            int(remaining[worst]),
             float(relative[worst]),
             spread,
             statistic,
             float(fdtrc(len(removed), freedom, max(statistic, 0.0))),
-            everything,
+            padded_values,
         )
         if step.p_value < level:
-            return EliminationPath(tuple(taken), "test", spread, step)
-        taken.append(step)
-        kept, values, covariance = rest, smaller, smaller_covariance
+            return EliminationPath(tuple(eliminations), "test", spread, step)
+        eliminations.append(step)
+        remaining, values, covariance = rest, smaller, smaller_covariance
 
 
-def _fitted(r: FloatArray, kept: IndexArray, meat: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Values (k,) of these parameters alone, and their covariance (k, k)."""
-    small = triangular(r[:, [*kept, r.shape[1] - 1]])
-    k = len(kept)
+def _fitted(r: FloatArray, remaining: IndexArray, meat: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the values (k,) of the remaining parameters alone, and their covariance (k, k)."""
+    small = triangular(r[:, [*remaining, r.shape[1] - 1]])
+    k = len(remaining)
     bread = covariance_of(small[:k, :k])
-    return solve_triangular(small[:k, :k], small[:k, k]), bread @ meat[np.ix_(kept, kept)] @ bread
+    return solve_triangular(small[:k, :k], small[:k, k]), bread @ meat[np.ix_(remaining, remaining)] @ bread
 
 
 def _relative(values: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -139,7 +164,7 @@ def _spread(relative: FloatArray) -> float:
 
 
 def _wald(values: FloatArray, covariance: FloatArray, removed: IndexArray) -> float:
-    """χ_Sᵀ C_SS⁻¹ χ_S / |S|, in units of the parameters' own deviations against rounding."""
+    """Return χ_Sᵀ C_SS⁻¹ χ_S / |S|, scaled by the parameters' own deviations to limit rounding."""
     block = covariance[np.ix_(removed, removed)]
     deviations = np.sqrt(np.maximum(np.diag(block), np.finfo(float).tiny))
     scaled = values[removed] / deviations

@@ -1,7 +1,7 @@
-"""W and Y reduced to triangular factors: one per equation (joint) and stretch of time, all that later steps need.
+"""W and Y reduced to triangular factors, one per equation (joint) and block of time: all that later steps need.
 
 The QR factor R of [W | Y] keeps every inner product of the columns without squaring their condition number, so
-solving, weighting an equation, leaving a stretch out and choosing fewer columns are all small algebra on R.
+solving, weighting an equation, leaving a block out and choosing fewer columns are all small algebra on R.
 """
 
 from __future__ import annotations
@@ -21,12 +21,20 @@ from dynident.estimation.whitening import Whitened, whitened
 
 @dataclass(frozen=True, eq=False)
 class EquationFactors:
-    """One equation's rows, stretch by stretch.
+    """The rows of one equation, block by block.
 
-    `columns` (p,) are the parameters that the equation contains; `factors` (s, p + 1, p + 1) the triangular factor of
-    [W | Y] of every stretch, Y last; `counts` (s,) the number of rows each stands for. `beside`: what was measured of
-    the equation and is not fitted to, or is told apart; `turned`: rows where the joint turns round, which are in the
-    factors with the weight that they have there.
+    Parameters
+    ----------
+    columns : (p,)
+        Numbers of the parameters that the equation contains.
+    factors : (s, p + 1, p + 1)
+        Triangular factor of [W | Y] of every block of time, Y last.
+    counts : (s,)
+        Number of rows that each factor stands for.
+    beside : Beside, optional
+        Rows of the equation that are not fitted to, or whose residual is counted separately.
+    turned : Turned, optional
+        Rows at reversals, which are in the factors with the weight that they have there.
     """
 
     columns: IndexArray
@@ -41,89 +49,97 @@ class EquationFactors:
 
     @cached_property
     def joined(self) -> FloatArray:
-        """(p + 1, p + 1): the factor of all stretches together."""
+        """Factor (p + 1, p + 1) of all blocks together."""
         return join(self.factors)
 
     @cached_property
     def whitened(self) -> Whitened | None:
-        """The columns without Y, whitened over all stretches; None where the equation sees none of them."""
+        """Columns without Y, whitened over all blocks; None where the equation excites none of them."""
         return whitened(self.factors[:, :, :-1], self.joined[:, :-1])
 
     @property
     def own_noise(self) -> float:
-        """Noise that is left when the equation is fitted by itself: a first idea, before any parameter is known."""
+        """Noise that is left when the equation is fitted by itself: a first guess, before any parameter is known."""
         freedom = max(float(self.counts.sum()) - len(self.columns), 1.0)
         return abs(float(self.joined[-1, -1])) / float(np.sqrt(freedom))
 
     def without(self, stretches: Sequence[int]) -> FloatArray:
-        """(p + 1, p + 1): the factor of all stretches but these."""
+        """Return the factor (p + 1, p + 1) of all blocks but these."""
         keep = np.ones(len(self.factors), dtype=bool)
         keep[list(stretches)] = False
         return join(self.factors[keep])
 
     def select(self, columns: IndexArray) -> EquationFactors:
-        """The same rows with only these parameters; parameters the equation does not contain are passed over.
+        """Return the same rows with only these parameters; parameters that the equation does not contain are ignored.
 
         The positions in `columns` (k,) become the new parameter numbers.
         """
         where = {int(column): position for position, column in enumerate(self.columns)}
         chosen = [(new, where[int(old)]) for new, old in enumerate(columns) if int(old) in where]
         picked = [position for _, position in chosen] + [len(self.columns)]
-        beside = None if self.beside is None else self.beside.select([position for _, position in chosen])
+        rest_rows = None if self.beside is None else self.beside.select([position for _, position in chosen])
         numbers = np.array([new for new, _ in chosen], dtype=np.intp)
         if self.turned is not None:
-            return self._of(numbers, self.turned.select(picked), beside)
+            return self._of(numbers, self.turned.select(picked), rest_rows)
         factors = triangular(self.factors[:, :, picked]) if len(self.factors) else self.factors
-        return EquationFactors(numbers, squared(factors), self.counts, beside)
+        return EquationFactors(numbers, squared(factors), self.counts, rest_rows)
 
     def weighing_turns(self, weight: float) -> EquationFactors:
-        """The same where the square of a row at which the joint turns round counts for so much beside another's."""
+        """Return the same rows with squared residuals at reversals weighted by `weight` relative to the others."""
         if self.turned is None or self.turned.weight == weight:
             return self
         return self._of(self.columns, replace(self.turned, weight=weight), self.beside)
 
     @property
     def turning(self) -> Apart | Turned | None:
-        """The rows where the joint turns round, each counting alike; None where they are not known."""
-        kept = None if self.beside is None else self.beside.turning
-        return self.turned if kept is None else kept
+        """Rows at reversals, each counting alike; None where they are not known."""
+        separate_rows = None if self.beside is None else self.beside.turning
+        return self.turned if separate_rows is None else separate_rows
 
     @property
     def without_weights(self) -> EquationFactors:
-        """The same where rows at which the joint turns round cannot be weighed any more, only told from the others."""
+        """The same rows, where those at reversals can no longer be weighted, only counted separately."""
         if self.turned is None:
             return self
-        beside = self.beside
-        if beside is not None and beside.turning is None:
-            beside = replace(beside, turning=self.turned.in_one)
-        return EquationFactors(self.columns, self.factors, self.counts, beside)
+        rest_rows = self.beside
+        if rest_rows is not None and rest_rows.turning is None:
+            rest_rows = replace(rest_rows, turning=self.turned.in_one)
+        return EquationFactors(self.columns, self.factors, self.counts, rest_rows)
 
-    def _of(self, columns: IndexArray, turned: Turned, beside: Beside | None) -> EquationFactors:
-        return EquationFactors(columns, turned.together, self.counts, beside, turned)
+    def _of(self, columns: IndexArray, turned: Turned, rest_rows: Beside | None) -> EquationFactors:
+        """Build the equation from its rows at reversals and the others, with these numbers of columns."""
+        return EquationFactors(columns, turned.together, self.counts, rest_rows, turned)
 
     def combined(self, weights: FloatArray) -> EquationFactors:
-        """The same rows with columns that are combinations of these; `weights` (c, c') from all columns to the new."""
+        """Return the same rows with combined columns; `weights` (c, c') lead from all columns to the new ones."""
         own = weights[self.columns]
         chosen = np.flatnonzero((own != 0).any(axis=0))
         k = len(self.columns)
         whole = np.zeros((k + 1, len(chosen) + 1))
+        # The last column is Y, which every combination leaves as it is.
         whole[:k, :-1], whole[k, -1] = own[:, chosen], 1.0
-        beside = None if self.beside is None else self.beside.combined(whole)
+        rest_rows = None if self.beside is None else self.beside.combined(whole)
         if self.turned is not None:
-            return self._of(chosen.astype(np.intp), self.turned.combined(whole), beside)
+            return self._of(chosen.astype(np.intp), self.turned.combined(whole), rest_rows)
         factors = triangular(self.factors @ whole) if len(self.factors) else np.zeros((0, *whole.shape[1:] * 2))
-        return EquationFactors(chosen.astype(np.intp), squared(factors), self.counts, beside)
+        return EquationFactors(chosen.astype(np.intp), squared(factors), self.counts, rest_rows)
 
     def changed(self, change: FloatArray, columns: IndexArray) -> EquationFactors:
-        """The rows of [W | Y] change, change (p + 1, p' + 1): Y and W mixed; `columns` (p',) name the new columns.
+        """Return the rows of [W | Y] change, with Y and W mixed.
 
-        What is beside them is left out: a band about Y is none about what Y is made part of.
+        Rows at rest are dropped: a band about Y is none about a combination of Y and columns.
+
+        Parameters
+        ----------
+        change : (p + 1, p' + 1)
+        columns : (p',)
+            Numbers of the new columns.
         """
         factors = triangular(self.factors @ change) if len(self.factors) else np.zeros((0, *change.shape[1:] * 2))
         return EquationFactors(np.asarray(columns, dtype=np.intp), squared(factors), self.counts)
 
     def squares(self, values: FloatArray) -> FloatArray:
-        """(s,): sum of the squared residual of parameters χ (c,) in every stretch."""
+        """Return the sum of squared residuals of parameters χ (c,) in every block (s,)."""
         k = len(self.columns)
         rests = self.factors[:, :, k] - self.factors[:, :, :k] @ values[self.columns]
         return np.asarray((rests * rests).sum(axis=1))
@@ -131,7 +147,16 @@ class EquationFactors:
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """All equations of a data set. `spans` (s, 2) are the first and last time of every stretch, in s."""
+    """All equations of a data set, reduced to triangular factors.
+
+    Parameters
+    ----------
+    n_columns : int
+        Number of parameters c.
+    equations : tuple of EquationFactors
+    spans : (s, 2)
+        First and last time of every block, in s.
+    """
 
     n_columns: int
     equations: tuple[EquationFactors, ...]
@@ -145,73 +170,93 @@ class Reduction:
 
     @property
     def n_stretches(self) -> int:
-        """Number of stretches of time."""
+        """Number of blocks of time."""
         return len(self.spans)
 
     @property
     def n_rows(self) -> int:
-        """Number of equations r, over all joints."""
+        """Number of rows r over all equations."""
         return int(sum(equation.counts.sum() for equation in self.equations))
 
     @property
     def row_counts(self) -> FloatArray:
-        """(n,): number of rows of every equation."""
+        """Number of rows of every equation (n,)."""
         return np.array([float(equation.counts.sum()) for equation in self.equations])
 
     def select(self, columns: Sequence[int] | IndexArray) -> Reduction:
-        """The same data with only these columns, in this order."""
+        """Return the same data with only these columns, in this order."""
         chosen = np.asarray(columns, dtype=np.intp)
         return Reduction(len(chosen), tuple(e.select(chosen) for e in self.equations), self.spans)
 
     def combined(self, weights: FloatArray) -> Reduction:
-        """The same data with columns that are combinations of these: W' = W weights, weights (c, c')."""
+        """Return the same data with combined columns: W' = W weights, weights (c, c')."""
         return Reduction(weights.shape[1], tuple(e.combined(weights) for e in self.equations), self.spans)
 
     def weighing_turns(self, weights: FloatArray) -> Reduction:
-        """The same data where rows at which joints turn round count for weights (n,), their squares beside others'."""
+        """Return the same data with squared residuals at reversals weighted by `weights` (n,), one per equation."""
         pairs = zip(self.equations, weights, strict=True)
         return replace(self, equations=tuple(equation.weighing_turns(float(weight)) for equation, weight in pairs))
 
     @property
     def alike(self) -> Reduction:
-        """The same data where every row counts alike."""
+        """The same data, every row counting alike."""
         return self.weighing_turns(np.ones(len(self.equations)))
 
     @property
     def without_weights(self) -> Reduction:
-        """The same data where rows at which joints turn round cannot be weighed any more: it takes up less room."""
+        """The same data, where rows at reversals can no longer be weighted: it takes less memory."""
         return replace(self, equations=tuple(equation.without_weights for equation in self.equations))
 
     def stretches(self, indices: Sequence[int]) -> Reduction:
-        """Only these stretches of time."""
+        """Return only the blocks of time with these indices."""
         picked = list(indices)
         equations = tuple(EquationFactors(e.columns, e.factors[picked], e.counts[picked]) for e in self.equations)
         return Reduction(self.n_columns, equations, self.spans[picked])
 
 
 def concatenate(parts: Sequence[Reduction]) -> Reduction:
-    """Put data sets with the same columns behind one another."""
+    """Put data sets with the same columns behind one another.
+
+    Parameters
+    ----------
+    parts : sequence of Reduction
+
+    Returns
+    -------
+    Reduction
+    """
     first = parts[0]
     equations = tuple(_behind([part.equations[j] for part in parts]) for j in range(len(first.equations)))
     return Reduction(first.n_columns, equations, np.concatenate([part.spans for part in parts]))
 
 
 def _behind(parts: Sequence[EquationFactors]) -> EquationFactors:
-    """The same equation in several data sets; where joints turn round is told only where all of them know it."""
-    told = [part.turned for part in parts if part.turned is not None]
-    if len(told) < len(parts):
+    """Concatenate one equation of several data sets; reversals stay weightable only where all of them know them."""
+    weighted_rows = [part.turned for part in parts if part.turned is not None]
+    if len(weighted_rows) < len(parts):
         parts = [part.without_weights for part in parts]
     return EquationFactors(
         parts[0].columns,
         np.concatenate([part.factors for part in parts]),
         np.concatenate([part.counts for part in parts]),
         beside_all([part.beside for part in parts]),
-        Turned.joined(told) if len(told) == len(parts) else None,
+        Turned.joined(weighted_rows) if len(weighted_rows) == len(parts) else None,
     )
 
 
 def told_apart(both: Reduction) -> Reduction:
-    """One equation a joint from 2 n: n of the rows where no joint turns round, and behind them n of the others."""
+    """Merge 2 n equations into n whose rows at reversals can be weighted.
+
+    Parameters
+    ----------
+    both : Reduction
+        The n equations of the rows where no joint reverses, followed by the n of the rows at reversals.
+
+    Returns
+    -------
+    Reduction
+        One equation per joint.
+    """
     n = len(both.equations) // 2
     equations = []
     for steady, turning in zip(both.equations[:n], both.equations[n:], strict=True):
@@ -222,16 +267,16 @@ def told_apart(both: Reduction) -> Reduction:
 
 
 class FactorAccumulator:
-    """Folds rows into factors as they come.
+    """Folds rows into triangular factors as they come, so that no data set has to fit into memory.
 
     Parameters
     ----------
-    columns : one (p,) array an equation
+    columns : one (p,) array per equation
         The parameters that each equation contains.
     n_columns : int
         Number of all parameters c.
     stretch : float
-        Length of a stretch of time, s.
+        Length of a block of time, s.
     """
 
     # Rows collected before they are folded: QR of a tall block costs less than of many short ones.
@@ -253,14 +298,22 @@ class FactorAccumulator:
         self._to = 0.0
 
     def push(self, t: FloatArray, rows: Sequence[FloatArray], used: BoolArray | None = None) -> None:
-        """Add the next samples: times t (m,), and [W | Y] (m, p + 1) of every equation.
+        """Add the next samples.
 
-        `used` (m, equations): which rows of which equation count; all of them where it is left out.
+        Parameters
+        ----------
+        t : (m,)
+            Times, s.
+        rows : one (m, p + 1) array per equation
+            Rows of [W | Y].
+        used : (m, equations), optional
+            Which rows of which equation count; all of them where it is left out.
         """
         first = 0
         while first < len(t):
             if not self._is_open:
                 self._from, self._is_open = float(t[first]), True
+            # Blocks are cut by time, not by number of rows, so that they last alike in recordings of any sampling rate.
             last = first + int(np.searchsorted(t[first:], self._from + self._stretch))
             if last > first:
                 for k, (pending, block) in enumerate(zip(self._pending, rows, strict=True)):
@@ -276,7 +329,7 @@ class FactorAccumulator:
             first = last
 
     def end_stretch(self) -> None:
-        """Close the stretch of time: a recording or a segment ends here."""
+        """Close the current block of time: a recording or a segment ends here."""
         if not self._is_open:
             return
         self._fold()
@@ -290,6 +343,7 @@ class FactorAccumulator:
         self._is_open = False
 
     def _fold(self) -> None:
+        """Fold the pending rows into the open block's factors."""
         if self._pending_rows == 0:
             return
         for k, pending in enumerate(self._pending):
@@ -300,7 +354,7 @@ class FactorAccumulator:
         self._pending_rows = 0
 
     def finish(self) -> Reduction:
-        """Close the last stretch and give all factors."""
+        """Close the last block and return all factors."""
         self.end_stretch()
         counts = np.array(self._counts, dtype=np.intp).reshape(-1, len(self._columns))
         equations = tuple(

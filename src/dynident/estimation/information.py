@@ -1,4 +1,4 @@
-"""What is known of parameters beside the data: earlier steps, separate experiments, a description."""
+"""Prior knowledge of parameters: from earlier steps, separate experiments or a robot description."""
 
 from __future__ import annotations
 
@@ -14,10 +14,15 @@ _FLAT = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Equations factor χ = right (k, c), (k,), each in units of its own standard deviation.
+    """Equations factor χ = right, each in units of its own standard deviation.
 
-    They are rows like those of W and Y, already weighted: stacked under the weighted rows they make the estimate that
-    takes both for what they are worth.
+    They are rows like those of W and Y, already weighted: stacked under the weighted rows they give the estimate that
+    weighs both by their uncertainty.
+
+    Parameters
+    ----------
+    factor : (k, c)
+    right : (k,)
     """
 
     factor: FloatArray
@@ -30,25 +35,39 @@ class Information:
 
     @property
     def rows(self) -> FloatArray:
-        """(k, c + 1): [factor | right]."""
+        """The matrix [factor | right], (k, c + 1)."""
         return np.column_stack([self.factor, self.right])
 
     def and_also(self, other: Information) -> Information:
-        """Both together."""
+        """Return the equations of both."""
         return Information(np.vstack([self.factor, other.factor]), np.concatenate([self.right, other.right]))
 
 
 def known_values(values: FloatArray, covariance: FloatArray, columns: IndexArray, n_columns: int) -> Information:
-    """Estimates (k,) of the parameters with these numbers (k,), with their covariance (k, k), out of c.
+    """Turn estimates and their covariance into equations of prior knowledge.
 
     A variance of zero would be certainty, which no weight can express: it counts as a millionth of a millionth of the
     largest.
+
+    Parameters
+    ----------
+    values, covariance : (k,), (k, k)
+    columns : (k,)
+        Numbers of these parameters.
+    n_columns : int
+        Number of all parameters c.
+
+    Returns
+    -------
+    Information
     """
     deviation = deviations_of(covariance)
     least = max(float(deviation.max(initial=0.0)), float(np.abs(values).max(initial=0.0)), 1.0) * 1e-9
     deviation = np.maximum(deviation, least)
     correlation = covariance / np.outer(deviation, deviation)
     np.fill_diagonal(correlation, 1.0)
+    # The correlation matrix instead of the covariance: parameters differ in size by many orders of magnitude, and the
+    # smallest would be lost in rounding.
     eigenvalues, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
     roots = 1.0 / np.sqrt(np.maximum(eigenvalues, _FLAT))
     whiten = (vectors * roots).T / deviation
@@ -58,16 +77,16 @@ def known_values(values: FloatArray, covariance: FloatArray, columns: IndexArray
 
 
 def covariance_of(factor: FloatArray) -> FloatArray:
-    """(c, c): (RᵀR)⁻¹ of a triangular factor."""
+    """Return (RᵀR)⁻¹ (c, c) of a triangular factor R."""
     root = root_of(factor)
     return np.asarray(root @ root.T)
 
 
 def root_of(factor: FloatArray) -> FloatArray:
-    """(c, c): R⁻¹ of a triangular factor."""
+    """Return R⁻¹ (c, c) of a triangular factor R."""
     return np.asarray(solve_triangular(factor, np.eye(len(factor))))
 
 
 def deviations_of(covariance: FloatArray) -> FloatArray:
-    """(c,): standard deviations, [12.9]; 0 where rounding has left a variance below zero."""
+    """Return the standard deviations (c,) of a covariance, [12.9]; 0 where rounding left a negative variance."""
     return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))

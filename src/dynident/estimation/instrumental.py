@@ -1,7 +1,7 @@
 """Instrumental variables: estimates that noise in W does not bias, from triangular factors.
 
-Least squares takes W for exact. Positions carry noise, differentiated twice, so that W does too, and what it shares
-with the residual biases [12.5]. Instruments Z that go with W but not with its noise remove the bias:
+Least squares takes W as exact. Positions carry noise and are differentiated twice, so W carries noise too, and what it
+shares with the residual biases [12.5]. Instruments Z that correlate with W but not with its noise remove the bias:
 χ = (Zᵀ W)⁻¹ Zᵀ Y (Young 1970; Janot, Vandanjon and Gautier 2014 for robots).
 """
 
@@ -32,14 +32,19 @@ from dynident.estimation.triangles import triangular
 
 _SINGULAR = 1e-10
 WEAKEST = 0.1
-"""Instruments that go with the observations by less than this correlation in some direction determine nothing."""
+"""Smallest canonical correlation of instruments and observations: below it, some direction is not determined."""
 
 
 @dataclass(frozen=True, eq=False)
 class InstrumentalSolution:
-    """Estimates by instrumental variables, and how sure they are.
+    """Estimates by instrumental variables and their uncertainty.
 
-    `strength` in [0, 1]: the smallest canonical correlation between Z and W; 1 where they are the same.
+    Parameters
+    ----------
+    solution : Solution
+    statistics : Statistics
+    strength : float
+        Smallest canonical correlation between Z and W, in [0, 1]; 1 where they are the same.
     """
 
     solution: Solution
@@ -50,15 +55,20 @@ class InstrumentalSolution:
 def instrumental(
     both: Reduction, known: Information | None = None, covariance: CovarianceName = "by_time_and_joints"
 ) -> InstrumentalSolution:
-    """Instrumental variables with every equation weighted by 1 / standard deviation of its residual.
+    """Solve by instrumental variables, each equation weighted by 1 / standard deviation of its residual.
 
     Parameters
     ----------
     both : Reduction
-        Rows [Z | W | Y]: columns 0 … c - 1 are the instruments, c … 2 c - 1 those of W that they stand for.
+        Rows [Z | W | Y]: columns 0 … c - 1 are the instruments, c … 2 c - 1 the columns of W that they stand for.
     known : Information, optional
-        About the c parameters, beside the data.
-    covariance : what of the residuals is taken to be correlated, see `statistics`
+        Prior knowledge of the c parameters.
+    covariance : {"by_time_and_joints", "by_joint", "independent"}
+        Which correlations of the residuals are accounted for, see `statistics`.
+
+    Returns
+    -------
+    InstrumentalSolution
 
     Raises
     ------
@@ -67,6 +77,7 @@ def instrumental(
     """
     c = both.n_columns // 2
     observed = both.select(np.arange(c, 2 * c))
+    # Prior knowledge has no noise in W: it is its own instrument.
     twice = None if known is None else Information(np.hstack([known.factor, known.factor]), known.right)
 
     def levels(values: FloatArray) -> FloatArray:
@@ -85,7 +96,7 @@ def instrumental(
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """χ (c,), the factors of the weighted Z and W (c, c), and Z projected on W: Q_zᵀ W (c, c)."""
+    """χ (c,), the factors of the weighted Z and W (c, c), and W projected on Z: Q_zᵀ W (c, c)."""
 
     values: FloatArray
     instruments: FloatArray
@@ -98,6 +109,7 @@ def _solved(both: Reduction, noise: FloatArray, twice: Information | None) -> _S
     c = both.n_columns // 2
     check_rows(both.n_rows, c, twice)
     r = weighted_factor(both, noise, twice)
+    # One QR of [Z | W | Y] gives everything: its first block rows are R_z, Q_zᵀ W and Q_zᵀ Y.
     instruments, projected, right = r[:c, :c], r[:c, c : 2 * c], r[:c, 2 * c]
     observed = triangular(r[: 2 * c, c : 2 * c])
     check_rank(instruments, _SINGULAR, " of the simulated motion")
@@ -118,19 +130,19 @@ def _solved(both: Reduction, noise: FloatArray, twice: Information | None) -> _S
 
 
 def _overstated(both: Reduction, values: FloatArray) -> FloatArray:
-    """(n,): by how much the rows of every equation overstate the information in them."""
-    found = []
+    """Return by how much the rows of every equation overstate the information in them (n,)."""
+    inflation = []
     for equation in both.equations:
         k = len(equation.columns) // 2
         rests = equation.factors[:, :, 2 * k] - equation.factors[:, :, k : 2 * k] @ values[equation.columns[:k]]
-        found.append(overstatement(equation.factors[:, :, :k], rests, float(equation.counts.sum())))
-    return np.array(found)
+        inflation.append(overstatement(equation.factors[:, :, :k], rests, float(equation.counts.sum())))
+    return np.array(inflation)
 
 
 def _statistics(
     both: Reduction, observed: Reduction, solution: Solution, solved: _Solved, kind: CovarianceName
 ) -> Statistics:
-    """(ZᵀW)⁻¹ Zᵀ cov(ρ) Z (WᵀZ)⁻¹, the correlation of the residuals accounted for as in `statistics`."""
+    """Return (ZᵀW)⁻¹ Zᵀ cov(ρ) Z (WᵀZ)⁻¹, with correlated residuals treated as in `statistics`."""
     overstated = _overstated(both, solution.values)
     noise = noise_levels(observed, solution.values)
     worth = both.row_counts / overstated
@@ -158,11 +170,11 @@ def _statistics(
 
 
 def _scores(both: Reduction, solution: Solution) -> FloatArray:
-    """(s, c): Z_sᵀρ_s of every stretch, each equation in units of its noise."""
-    found = np.zeros((both.n_stretches, both.n_columns // 2))
+    """Return Z_sᵀρ_s of every block (s, c), each equation in units of its noise."""
+    scores = np.zeros((both.n_stretches, both.n_columns // 2))
     for equation, sigma in zip(both.equations, solution.noise, strict=True):
         k = len(equation.columns) // 2
         where = equation.columns[:k]
         rests = equation.factors[:, :, 2 * k] - equation.factors[:, :, k : 2 * k] @ solution.values[where]
-        found[:, where] += (rests[:, None, :] @ equation.factors[:, :, :k])[:, 0] / sigma**2
-    return found
+        scores[:, where] += (rests[:, None, :] @ equation.factors[:, :, :k])[:, 0] / sigma**2
+    return scores

@@ -1,20 +1,20 @@
-"""An extended Kalman filter whose state holds the parameters beside the motion (§12.8), a sample at a time.
+"""Extended Kalman filter whose state holds the parameters as well as the motion (§12.8), one sample at a time.
 
-State [q, v, χ], χ constant. The motion is driven by its acceleration a, which is known roughly; what is measured is the
-position and the torque. Positions and velocities are staggered by half a period T (leapfrog): with v half a period
+The state is [q, v, χ], χ constant. The motion is driven by its acceleration a, which is known roughly; the position and
+the torque are measured. Positions and velocities are staggered by half a period T (leapfrog): with v half a period
 before q, a sample makes
 
     v' = v + T a,    q' = q + T v',    τ = Γ(q, v + T a / 2, a; χ) + noise,    Γ = W χ,
 
-so that velocity and acceleration are the central differences of [12.16], and every torque sample enters one step alone:
-its noise stays white, which the filter takes it for. To predict the acceleration from the torque instead gives the same
+so that velocity and acceleration are the central differences of [12.16], and every torque sample enters a single step:
+its noise stays white, as the filter assumes. Predicting the acceleration from the torque instead gives the same
 filter where a is not known at all, but needs the inverse of an inertia matrix that is still being estimated, and takes
 W at an acceleration that holds the noise of the torque: that biases the parameters (Ljung 1979). Here W is taken at the
-rough acceleration, which has nothing of that noise in it.
+rough acceleration, which is free of that noise.
 
-Motion and parameters are held apart (the two-stage filter of Friedland 1969, the same estimates as those of the joint
-state): what the motion's estimate owes to an error of χ is linear in it. So every sample makes linear equations of χ
-with white noise of size one, and the estimate is that of least squares on them, with what was known at the beginning.
+Motion and parameters are kept separate (the two-stage filter of Friedland 1969, with the same estimates as the joint
+state): an error of χ enters the estimate of the motion linearly. So every sample gives linear equations of χ
+with white noise of size one, and the estimate is their least-squares solution, with the prior knowledge at the start.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from dynident.estimation.least_squares import EstimationError
 
 @dataclass(frozen=True, eq=False)
 class TorqueSlopes:
-    """Γ (n,) and its derivatives by q, q̇, q̈ (n, n each) and by χ: W (n, c)."""
+    """Torque Γ (n,) and its derivatives by q, q̇, q̈ (n, n each) and by χ: W (n, c)."""
 
     torque: FloatArray
     by_position: FloatArray
@@ -40,7 +40,7 @@ class TorqueSlopes:
 
 
 class TorqueModel(Protocol):
-    """Torque, linear in its parameters, of a motion."""
+    """Torque of a motion, linear in its parameters."""
 
     def __call__(self, q: FloatArray, dq: FloatArray, ddq: FloatArray, values: FloatArray) -> TorqueSlopes:
         """Evaluate at one state q, dq, ddq (n,) with parameters χ (c,)."""
@@ -49,10 +49,14 @@ class TorqueModel(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class KalmanNoise:
-    """What the filter takes for noise of one sample, all white: standard deviations (n,).
+    """Noise of one sample as the filter assumes it, all white.
 
-    `position`, `torque` of the measurements; `acceleration` of the rough one: above its true error, lest it count as a
-    measurement.
+    Parameters
+    ----------
+    position, torque : (n,)
+        Standard deviations of the measurements.
+    acceleration : (n,)
+        Standard deviation of the rough acceleration: above its true error, lest it count as a measurement.
     """
 
     position: FloatArray
@@ -62,10 +66,17 @@ class KalmanNoise:
 
 @dataclass(frozen=True, eq=False)
 class KalmanSample:
-    """What one sample says of χ: rows (2 n, c + 1) of [W | Y], their noise white and of size one if it is as assumed.
+    """What one sample tells about χ.
 
-    The first n are those of the torques, the others those of the positions. `surprise`: mean square of the innovation
-    over the joints, in units of what the filter expected; one where all is as it thinks.
+    Parameters
+    ----------
+    rows : (2 n, c + 1)
+        Rows of [W | Y] with white noise of size one if it is as assumed: first those of the torques, then the
+        positions.
+    surprise : float
+        Mean square of the innovation over the joints, in units of what the filter expected; one where the assumed noise
+        is
+        right.
     """
 
     rows: FloatArray
@@ -73,7 +84,7 @@ class KalmanSample:
 
 
 class KalmanFilter:
-    """Estimates of χ that follow the samples as they come.
+    """Estimates χ recursively, sample by sample.
 
     Parameters
     ----------
@@ -82,7 +93,7 @@ class KalmanFilter:
         Sampling period T, s.
     noise : KalmanNoise
     values, covariance : (c,), (c, c)
-        What is known of χ beforehand.
+        Prior estimate of χ.
     """
 
     def __init__(
@@ -98,8 +109,10 @@ class KalmanFilter:
         self._motion_covariance = np.zeros((2 * n, 2 * n))
         self._sensitivity = np.zeros((2 * n, len(values)))
         self._pending: tuple[FloatArray, FloatArray, FloatArray] | None = None
-        one, none = np.eye(n), np.zeros((n, n))
-        self._step = np.block([[one, period * one, period**2 * one], [none, one, period * one]])
+        identity, zero = np.eye(n), np.zeros((n, n))
+        self._step = np.block(
+            [[identity, period * identity, period**2 * identity], [zero, identity, period * identity]]
+        )
         self._measured = np.diag(np.concatenate([noise.torque, noise.position]) ** 2)
 
     def begin(
@@ -110,9 +123,16 @@ class KalmanFilter:
         acceleration: FloatArray,
         doubt: FloatArray | None = None,
     ) -> None:
-        """Begin an unbroken stretch at its second sample, `before` being the position of the first; all (n,).
+        """Begin an uninterrupted segment at its second sample.
 
-        `doubt`: times its usual noise that each joint's torque may be off by here; once where it is left out.
+        Parameters
+        ----------
+        before : (n,)
+            Position of the first sample.
+        q, tau, acceleration : (n,)
+            Position, torque and rough acceleration of the second sample.
+        doubt : (n,), optional
+            Factor on the usual torque noise of each joint at this sample; one where it is left out.
         """
         n, variance = self._n, self._noise.position**2
         self.motion = np.concatenate([q, (q - before) / self._period])
@@ -129,12 +149,22 @@ class KalmanFilter:
     def step(
         self, q: FloatArray, tau: FloatArray, acceleration: FloatArray, doubt: FloatArray | None = None
     ) -> KalmanSample:
-        """Take the next sample: position, torque, rough acceleration and doubt (n,), as in `begin`.
+        """Process the next sample.
+
+        Parameters
+        ----------
+        q, tau, acceleration, doubt : (n,)
+            Position, torque, rough acceleration and noise factor, as in `begin`.
+
+        Returns
+        -------
+        KalmanSample
+            Equations from the sample before, whose torque can be used now that the position after it is known.
 
         Raises
         ------
         EstimationError
-            Where the estimates are finite no more.
+            Where the estimates are no longer finite.
         """
         if self._pending is None:
             raise ValueError("begin a stretch before its second sample")
@@ -153,8 +183,11 @@ class KalmanFilter:
 
         mean = moving[n : 2 * n] + 0.5 * period * acceleration
         slopes = self._model(moving[:n], mean, acceleration, self.values)
+        # The velocity at the sample is v + T a / 2: the acceleration enters the torque through it as well.
         by_acceleration = slopes.by_acceleration + 0.5 * period * slopes.by_velocity
         by_motion = np.vstack([np.hstack([slopes.by_position, slopes.by_velocity, by_acceleration]), self._step[:n]])
+        # Friedland's second stage: the innovation depends on χ directly and through the motion's estimate, which was
+        # made with the values of χ at the time.
         by_values = by_motion @ owed
         by_values[:n] += slopes.by_parameters
         innovation = np.concatenate([tau - slopes.torque, q - self._step[:n] @ moving])
@@ -165,10 +198,12 @@ class KalmanFilter:
         expected = by_values @ of_values + spread
         if not (np.isfinite(innovation).all() and np.isfinite(expected).all()):
             raise EstimationError("the state is not finite any more")
+        # Whitened by the motion's part of the covariance alone, these are ordinary least-squares rows of χ.
         whiten = _whitening(spread)
         rows = whiten @ np.column_stack([by_values, innovation + by_values @ self.values])
 
         surprise = float(innovation @ np.linalg.solve(expected, innovation)) / n
+        # First the parameters from the whole innovation; then the motion from what they leave of it.
         gain = np.linalg.solve(expected, of_values.T).T
         change = gain @ innovation
         self.values = self.values + change
@@ -182,8 +217,9 @@ class KalmanFilter:
 
 
 def _whitening(spread: FloatArray) -> FloatArray:
-    """(m, m): makes noise with this covariance white and of size one, every row as near to its own as can be."""
+    """Return a matrix (m, m) that whitens noise with this covariance, each row as near to its own as can be."""
     size = np.sqrt(np.diag(spread))
+    # The symmetric root of the correlation matrix, unlike a Cholesky factor, does not mix joints by their order.
     eigenvalues, vectors = np.linalg.eigh(spread / np.outer(size, size))
     if not eigenvalues[0] > 0:
         raise EstimationError("the filter's covariance is not positive any more")

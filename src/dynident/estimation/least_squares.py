@@ -1,4 +1,4 @@
-"""The least-squares solutions of Y = W χ + ρ, [12.5], from triangular factors."""
+"""Least-squares solutions of Y = W χ + ρ, [12.5], from triangular factors."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ from dynident.estimation.information import Information, root_of
 from dynident.estimation.triangles import triangular
 
 MOST_ROUNDS = 20
-"""Of re-estimating the noise of every equation, at most; on sound data the third changes no digit that is read."""
+"""Largest number of rounds that estimate the noise of every equation; on sound data the third changes no visible digit.
+"""
 
 WEIGHTS_SETTLED = 1e-6
-"""Share by which no equation's noise may change any more: what it changes in the estimates is far below their own."""
+"""Largest relative change of any equation's noise in the last round: its effect is far below the estimates' deviations.
+"""
 
 _SINGULAR = 1e-12
 _ROUNDING = 1e-10
@@ -31,11 +33,22 @@ class EstimationError(DynidentError):
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Estimates χ (c,), the noise of every equation that the rows were weighted by (n,), and the factor R (c, c).
+    """Least-squares estimates and the factor that they were solved from.
 
-    R is the triangular factor of the weighted W, so that (WᵀW)⁻¹ = R⁻¹R⁻ᵀ; `scales` (c,) are the norms of the
-    weighted columns. `known`: what was known beside the data; its rows are part of R. `free` (c, f): the directions
-    that constraints leave free, where they hold some back. `converged`: whether the rounds that it took have settled.
+    Parameters
+    ----------
+    values : (c,)
+        Estimates χ.
+    noise : (n,)
+        Noise of every equation, by which its rows were weighted.
+    factor : (c, c)
+        Triangular factor R of the weighted W, so that (WᵀW)⁻¹ = R⁻¹R⁻ᵀ.
+    known : Information, optional
+        Prior knowledge; its rows are part of R.
+    free : (c, f), optional
+        Directions that active constraints leave free.
+    converged : bool
+        Whether the weights have settled.
     """
 
     values: FloatArray
@@ -47,18 +60,18 @@ class Solution:
 
     @property
     def scales(self) -> FloatArray:
-        """(c,): norms of the weighted columns of W."""
+        """Norms (c,) of the weighted columns of W."""
         return np.asarray(np.linalg.norm(self.factor, axis=0))
 
     @property
     def normal_inverse(self) -> FloatArray:
-        """(c, c): (WᵀW)⁻¹ of the weighted W; with constraints that hold, its like in the free directions."""
+        """(WᵀW)⁻¹ (c, c) of the weighted W; restricted to the free directions where constraints are active."""
         root = self.root
         return np.asarray(root @ root.T)
 
     @property
     def root(self) -> FloatArray:
-        """(c, f): a factor of `normal_inverse`, as many columns as there are directions that nothing holds."""
+        """A root (c, f) of `normal_inverse`, with one column for every free direction."""
         if self.free is None:
             return root_of(self.factor)
         return np.asarray(self.free @ root_of(triangular(self.factor @ self.free)))
@@ -66,7 +79,15 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """How well parameters explain a data set, for every equation (n,): sums of squares and numbers of rows."""
+    """How well parameters explain a data set, equation by equation.
+
+    Parameters
+    ----------
+    squares, measured : (n,)
+        Sums of squares of the residual and of Y.
+    counts : (n,)
+        Numbers of rows.
+    """
 
     squares: FloatArray
     measured: FloatArray
@@ -77,29 +98,41 @@ class Errors:
 
     @property
     def rms(self) -> FloatArray:
-        """(n,): root mean square of the residual, N m or N."""
+        """Root mean square of the residual (n,), N m or N."""
         return np.sqrt(self.squares / np.maximum(self.counts, 1))
 
     @property
     def relative(self) -> FloatArray:
-        """(n,): ||y - ŷ|| / ||y||; 1 where nothing was measured and something predicted."""
+        """Relative error ||y - ŷ|| / ||y|| (n,); 1 where nothing was measured and something predicted."""
         safe = np.where(self.measured > 0, self.measured, 1.0)
         return np.where(self.measured > 0, np.sqrt(self.squares / safe), np.where(self.squares > 0, 1.0, 0.0))
 
     @property
     def relative_total(self) -> float:
-        """||Y - Ŷ|| / ||Y|| over all equations."""
+        """Relative error ||Y - Ŷ|| / ||Y|| over all equations."""
         total = float(self.measured.sum())
         return float(np.sqrt(self.squares.sum() / total)) if total > 0 else 0.0
 
     @property
     def rms_total(self) -> float:
-        """Root mean square over all equations and samples."""
+        """Root mean square of the residual over all equations and samples."""
         return float(np.sqrt(self.squares.sum() / max(float(self.counts.sum()), 1.0)))
 
 
 def weighted_factor(reduction: Reduction, noise: FloatArray, known: Information | None = None) -> FloatArray:
-    """(c + 1, c + 1): factor of [W | Y] over all equations, each divided by its noise (n,), and of what is known."""
+    """Return the triangular factor of [W | Y] over all equations, together with prior knowledge.
+
+    Parameters
+    ----------
+    reduction : Reduction
+    noise : (n,)
+        Each equation is divided by its noise.
+    known : Information, optional
+
+    Returns
+    -------
+    (c + 1, c + 1) array
+    """
     c = reduction.n_columns
     parts = [np.zeros((0, c + 1)) if known is None else known.rows]
     for equation, sigma in zip(reduction.equations, noise, strict=True):
@@ -111,18 +144,39 @@ def weighted_factor(reduction: Reduction, noise: FloatArray, known: Information 
         wide[:, c] = equation.joined[:, k] / sigma
         parts.append(wide)
     stacked = np.concatenate(parts)
+    # Too few rows still give a square factor, so that the rank check reports the problem.
     if len(stacked) < c + 1:
         stacked = np.pad(stacked, [(0, c + 1 - len(stacked)), (0, 0)])
     return triangular(stacked)
 
 
 def condition_number(reduction: Reduction) -> float:
-    """cond(W), [12.12], of W as it is: no equation or row weighted, nothing known beside the data."""
+    """Return cond(W), [12.12], of the unweighted W without prior knowledge.
+
+    Parameters
+    ----------
+    reduction : Reduction
+
+    Returns
+    -------
+    float
+    """
     return _condition(weighted_factor(reduction.alike, np.ones(len(reduction.equations)))[:-1, :-1])
 
 
 def equilibrated_condition_number(reduction: Reduction, noise: FloatArray) -> float:
-    """cond(W) of the W weighted by noise (n,), with columns of the same size: units of parameters do not count."""
+    """Return cond(W) with columns scaled to equal size, so that units of parameters do not count.
+
+    Parameters
+    ----------
+    reduction : Reduction
+    noise : (n,)
+        Each equation is divided by its noise.
+
+    Returns
+    -------
+    float
+    """
     factor = weighted_factor(reduction, noise)[:-1, :-1]
     scales = np.linalg.norm(factor, axis=0)
     return _condition(factor / np.where(scales > 0, scales, 1.0))
@@ -134,28 +188,49 @@ def _condition(factor: FloatArray) -> float:
 
 
 def errors(reduction: Reduction, values: FloatArray) -> Errors:
-    """The residual of parameters χ (c,) on all rows of a data set.
+    """Return the residual of parameters on all rows of a data set, also at rest.
 
-    Where what is beside the equations is known, also at rest: there it is the distance of the torque to the band that
-    static friction holds.
+    At rest the residual is the distance of the torque to the band that static friction holds, where the equations know
+    their rows at rest.
+
+    Parameters
+    ----------
+    reduction : Reduction
+    values : (c,)
+        Parameters χ.
+
+    Returns
+    -------
+    Errors
     """
-    found = fitted_errors(reduction, values)
-    squares, measured, counts = found.squares.copy(), found.measured.copy(), found.counts.copy()
+    fitted = fitted_errors(reduction, values)
+    squares, measured, counts = fitted.squares.copy(), fitted.measured.copy(), fitted.counts.copy()
     for k, equation in enumerate(reduction.equations):
-        beside, own = equation.beside, values[equation.columns]
-        if beside is None:
+        rest_rows, own = equation.beside, values[equation.columns]
+        if rest_rows is None:
             continue
         # What rows beside a halt hold of motion is in the fit; as rows they are at rest.
-        squares[k] += beside.standing_squares(own) - beside.partial.squares(own)
-        measured[k] += beside.standing_measured - beside.partial.measured
-        counts[k] += beside.n_standing - beside.partial.count
+        squares[k] += rest_rows.standing_squares(own) - rest_rows.partial.squares(own)
+        measured[k] += rest_rows.standing_measured - rest_rows.partial.measured
+        counts[k] += rest_rows.n_standing - rest_rows.partial.count
     return Errors(np.maximum(squares, 0.0), np.maximum(measured, 0.0), counts)
 
 
 def moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
-    """The residual of parameters χ (c,) on the rows of every equation where its joint moves."""
-    found = fitted_errors(reduction, values)
-    squares, measured, counts = found.squares.copy(), found.measured.copy(), found.counts.copy()
+    """Return the residual of parameters on the rows of every equation where its joint moves.
+
+    Parameters
+    ----------
+    reduction : Reduction
+    values : (c,)
+        Parameters χ.
+
+    Returns
+    -------
+    Errors
+    """
+    fitted = fitted_errors(reduction, values)
+    squares, measured, counts = fitted.squares.copy(), fitted.measured.copy(), fitted.counts.copy()
     for k, equation in enumerate(reduction.equations):
         if equation.beside is not None:
             for rows in (equation.turning, equation.beside.partial):
@@ -168,11 +243,12 @@ def moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
 
 
 def fitted_errors(reduction: Reduction, values: FloatArray) -> Errors:
-    """The residual of parameters χ (c,) on the rows that are fitted to, each of which counts alike."""
+    """Return the residual of parameters χ (c,) on all rows that take part in the fit, each counting alike."""
     squares, measured = weighed_squares(reduction, values), []
     for k, equation in enumerate(reduction.equations):
         own = float(equation.joined[:, -1] @ equation.joined[:, -1])
         if equation.turned is not None:
+            # The factor holds rows at reversals with their weight; add what is missing to a weight of one.
             lacks = 1.0 - equation.turned.weight
             squares[k] += lacks * equation.turned.squares(values[equation.columns])
             own += lacks * equation.turned.measured
@@ -181,13 +257,24 @@ def fitted_errors(reduction: Reduction, values: FloatArray) -> Errors:
 
 
 def weighed_squares(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """(n,): squared residual of parameters χ (c,) in every equation, its rows as they are weighed there."""
+    """Return the squared residual (n,) of parameters χ (c,) in every equation, its rows as they are weighted there."""
     rests = (e.joined[:, -1] - e.joined[:, :-1] @ values[e.columns] for e in reduction.equations)
     return np.array([float(rest @ rest) for rest in rests])
 
 
 def share_of_measured(reduction: Reduction, change: FloatArray) -> float:
-    """||W Δχ|| / ||Y||: what a change of the parameters (c,) changes, as a share of what was measured."""
+    """Return ||W Δχ|| / ||Y||: the effect of a change of the parameters, relative to what was measured.
+
+    Parameters
+    ----------
+    reduction : Reduction
+    change : (c,)
+        Change Δχ of the parameters.
+
+    Returns
+    -------
+    float
+    """
     squares = measured = 0.0
     for equation in reduction.alike.equations:
         k = len(equation.columns)
@@ -198,12 +285,23 @@ def share_of_measured(reduction: Reduction, change: FloatArray) -> float:
 
 
 def solve(reduction: Reduction, noise: FloatArray, known: Information | None = None) -> Solution:
-    """Least squares [12.5] with every equation weighted by 1 / noise (n,), and what is known beside the data.
+    """Solve [12.5] with every equation weighted by 1 / noise.
+
+    Parameters
+    ----------
+    reduction : Reduction
+    noise : (n,)
+    known : Information, optional
+        Prior knowledge.
+
+    Returns
+    -------
+    Solution
 
     Raises
     ------
     EstimationError
-        Where there are fewer rows than parameters or W has not full rank.
+        Where there are fewer rows than parameters, or W does not have full rank.
     """
     c = reduction.n_columns
     check_rows(reduction.n_rows, c, known)
@@ -214,7 +312,7 @@ def solve(reduction: Reduction, noise: FloatArray, known: Information | None = N
 
 
 def check_rows(n_rows: int, n_parameters: int, known: Information | None) -> None:
-    """Raise `EstimationError` where there are fewer rows than parameters, what is known beside the data counted."""
+    """Raise `EstimationError` where there are fewer rows, prior knowledge included, than parameters."""
     if n_rows + (0 if known is None else len(known.right)) <= n_parameters:
         raise EstimationError(
             f"{n_rows} equations cannot determine {n_parameters} parameters; use a longer recording or wider windows",
@@ -224,11 +322,18 @@ def check_rows(n_rows: int, n_parameters: int, known: Information | None) -> Non
 
 
 def check_rank(factor: FloatArray, least: float, of: str = "") -> None:
-    """Raise `EstimationError` where a triangular factor (c, c) of W is singular: a column depends on those before it.
+    """Raise `EstimationError` where a triangular factor (c, c) of W is singular.
 
-    `least`: share of a column that has to be its own; `of`: whose W it is, for the message.
+    Parameters
+    ----------
+    factor : (c, c)
+    least : float
+        Smallest part of a column that must be independent of the columns before it.
+    of : str
+        Whose W it is, for the message.
     """
     scales = np.linalg.norm(factor, axis=0)
+    # A diagonal entry of R is the part of its column that is orthogonal to the columns before it.
     if np.any(scales == 0) or np.any(np.abs(np.diag(factor)) <= least * scales):
         raise EstimationError(
             f"the observation matrix{of} has not full rank on this data", pointer="/effects", title="Not identifiable"
@@ -236,9 +341,23 @@ def check_rank(factor: FloatArray, least: float, of: str = "") -> None:
 
 
 def ordinary(reduction: Reduction, known: Information | None = None) -> Solution:
-    """Ordinary least squares: all equations count alike.
+    """Solve by ordinary least squares: all equations count alike.
 
-    What is known beside the data is weighed against the common noise of the equations, independent samples counted.
+    Prior knowledge is weighed against the common noise of the equations, with independent samples counted.
+
+    Parameters
+    ----------
+    reduction : Reduction
+    known : Information, optional
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    EstimationError
+        As in `solve`.
     """
     alike = np.ones(len(reduction.equations))
     if known is None:
@@ -253,9 +372,23 @@ def ordinary(reduction: Reduction, known: Information | None = None) -> Solution
 
 
 def weighted(reduction: Reduction, known: Information | None = None) -> Solution:
-    """Weighted least squares: each equation divided by the standard deviation of its own residual.
+    """Solve by weighted least squares: each equation is divided by the standard deviation of its own residual.
 
-    Where something is known beside the data, each row counts for as much as it is worth as an independent sample.
+    With prior knowledge, each row counts for as much as it is worth as an independent sample.
+
+    Parameters
+    ----------
+    reduction : Reduction
+    known : Information, optional
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    EstimationError
+        As in `solve`.
     """
     levels = noise_levels if known is None else doubtful_noise
     first = replace(ordinary(reduction, known), converged=True)
@@ -265,7 +398,7 @@ def weighted(reduction: Reduction, known: Information | None = None) -> Solution
 def _settled(
     reduction: Reduction, first: Solution, noise_of: Callable[[FloatArray], FloatArray], known: Information | None
 ) -> Solution:
-    """Solve and weigh by the noise that the estimates leave, by turns, until the noise settles."""
+    """Solve and estimate the noise in turn until the noise settles."""
     solution = first
     for _ in range(MOST_ROUNDS):
         noise = noise_of(solution.values)
@@ -276,46 +409,73 @@ def _settled(
 
 
 def weights_settled(reduction: Reduction, before: FloatArray, after: FloatArray) -> bool:
-    """Whether noise (n,) to weight by has stopped changing, or is no more than what rounding leaves of exact data."""
+    """Return whether noise (n,) has stopped changing, or is no more than rounding of exact data."""
     measured = [float(np.linalg.norm(equation.joined[:, -1])) for equation in reduction.equations]
     rounding = _ROUNDING * np.array(measured) / np.sqrt(np.maximum(reduction.row_counts, 1.0))
     return bool(np.all(np.abs(after - before) <= np.maximum(WEIGHTS_SETTLED * before, rounding)))
 
 
 def doubtful_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """(n,): noise of every equation, larger by the correlation of its rows: what to weigh other knowledge against.
+    """Return the noise of every equation (n,), raised by the correlation of its rows.
 
-    Not less than what rounding leaves of the measured values, lest exact data outweigh other knowledge without end.
+    Prior knowledge is weighed against it. It is at least what rounding leaves of the measured values, lest exact data
+    outweigh prior knowledge without limit.
     """
     factors = correlation_factors(reduction, values)
-    found = fitted_errors(reduction, values)
-    rounding = _ROUNDING * np.sqrt(found.measured / np.maximum(found.counts, 1))
+    fitted = fitted_errors(reduction, values)
+    rounding = _ROUNDING * np.sqrt(fitted.measured / np.maximum(fitted.counts, 1))
     return np.maximum(noise_levels(reduction, values) * np.sqrt(factors), rounding)
 
 
 def noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """(n,): standard deviation of every equation's residual, as one weights by it."""
+    """Return the standard deviation of every equation's residual, to weight by.
+
+    Parameters
+    ----------
+    reduction : Reduction
+    values : (c,)
+        Parameters χ.
+
+    Returns
+    -------
+    (n,) array, never zero
+    """
     return floored(residual_noise(reduction, values))
 
 
 def residual_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """(n,): standard deviation of every equation's residual, [12.7] with the parameters shared out over the rows.
+    """Return the standard deviation (n,) of every equation's residual, [12.7], parameters shared out over the rows.
 
-    Of rows as they are weighed within their equation; `noise_of_rows` has each count alike.
+    Rows count as they are weighted within their equation; `noise_of_rows` has each count alike.
     """
     return _deviation(reduction, weighed_squares(reduction, values))
 
 
 def noise_of_rows(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """(n,): standard deviation of the residual of all rows of every equation that are fitted to, weighed or not."""
+    """Return the standard deviation of the residual of all rows that take part in the fit, each counting alike.
+
+    Parameters
+    ----------
+    reduction : Reduction
+    values : (c,)
+        Parameters χ.
+
+    Returns
+    -------
+    (n,) array
+    """
     return _deviation(reduction, fitted_errors(reduction, values).squares)
 
 
 def _deviation(reduction: Reduction, squares: FloatArray) -> FloatArray:
+    # The parameters are shared by all equations, so each loses degrees of freedom in proportion to its rows.
     share = max(1.0 - reduction.n_columns / max(reduction.n_rows, 1), 0.1)
     return np.asarray(np.sqrt(squares / np.maximum(reduction.row_counts * share, 1)))
 
 
 def floored(sigma: FloatArray) -> FloatArray:
-    """Noise (n,) to weight by: an equation without residual (no torque, no motion) must not get an infinite weight."""
+    """Return noise (n,) to weight by, with a lower limit.
+
+    An equation without residual (no torque, no motion) must not get an infinite weight.
+    """
     return np.asarray(np.maximum(sigma, 1e-9 * max(float(sigma.max(initial=0.0)), 1e-12)))

@@ -1,9 +1,9 @@
-"""How sure constants are that the columns of W depend on: the equations made linear in them about the estimate.
+"""Uncertainty of shape constants, on which the columns of W depend: the equations linearised about the estimate.
 
-Y = W(θ) χ + ρ is linear in χ, not in θ. About an estimate the columns ∂(W χ)/∂θ stand beside W for a change of θ, and
-everything that is known of linear estimates holds for both together: the covariance of θ has that of χ accounted for,
-and the other way round (Seber and Wild 2003, chapter 2). Constants lie in ranges, which keeps one that the data do not
-tell of from making everything about it uncertain without end.
+Y = W(θ) χ + ρ is linear in χ, not in θ. About an estimate the columns ∂(W χ)/∂θ are added to W for a change of θ, and
+everything that is known of linear estimates holds for both together: the covariance of θ takes that of χ into account,
+and the other way round (Seber and Wild 2003, chapter 2). Constants lie in ranges, so that a constant that the data do
+not determine does not make everything else uncertain without limit.
 """
 
 from __future__ import annotations
@@ -24,9 +24,14 @@ _SINGULAR = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """Parameters and, behind them, changes of constants: their data, one step of theirs, and how sure both are.
+    """Parameters followed by changes of shape constants: their data, one Gauss-Newton step and their uncertainty.
 
-    `n_own`: how many parameters there are.
+    Parameters
+    ----------
+    reduction, solution, statistics : Reduction, Solution, Statistics
+        Of parameters and constants together.
+    n_own : int
+        Number of parameters; the constants follow them.
     """
 
     reduction: Reduction
@@ -36,47 +41,55 @@ class Linearised:
 
     @property
     def steps(self) -> FloatArray:
-        """(k,): how far the data would have each constant moved."""
+        """Change (k,) of each constant that the data ask for."""
         return self.solution.values[self.n_own :]
 
     @property
     def deviations(self) -> FloatArray:
-        """(k,): standard deviations of the constants."""
+        """Standard deviations (k,) of the constants."""
         return self.statistics.standard_deviations[self.n_own :]
 
     @property
     def half_widths(self) -> FloatArray:
-        """(k,): half-widths of their 95 % intervals."""
+        """Half-widths (k,) of the 95 % intervals of the constants."""
         return self.statistics.half_widths()[self.n_own :]
 
     @property
     def of_parameters(self) -> Statistics:
-        """How sure the parameters are with the constants uncertain, too."""
-        b, found = self.n_own, self.statistics
-        return replace(found, covariance=found.covariance[:b, :b], freedom=found.freedom[:b])
+        """Statistics of the parameters alone, the uncertainty of the constants included."""
+        b, joint_statistics = self.n_own, self.statistics
+        return replace(
+            joint_statistics, covariance=joint_statistics.covariance[:b, :b], freedom=joint_statistics.freedom[:b]
+        )
 
 
 def linearised(reduction: Reduction, solution: Solution, ranges: FloatArray, kind: CovarianceName) -> Linearised:
-    """Parameters and constants together, one step from an estimate.
+    """Solve for parameters and shape constants together, one step from an estimate.
 
     Parameters
     ----------
-    reduction : of [W | ∂(W χ)/∂θ | Y]
-        The columns of the constants behind those of the parameters.
-    solution : of W alone
-        Its weights, what was known beside the data and what constraints hold are kept.
+    reduction : Reduction
+        Of [W | ∂(W χ)/∂θ | Y]: the columns of the constants follow those of the parameters.
+    solution : Solution
+        Of W alone. Its weights, prior knowledge and active constraints are kept.
     ranges : (k,)
-        Standard deviations that the constants have without any data: those of the ranges that they lie in.
-    kind : what of the residuals is taken to be correlated
+        Standard deviations of the constants without any data: those of the ranges that they lie in.
+    kind : {"by_time_and_joints", "by_joint", "independent"}
+        Which correlations of the residuals are accounted for, see `statistics`.
+
+    Returns
+    -------
+    Linearised
 
     Raises
     ------
     EstimationError
-        Where this data, and what was known beside it, does not determine the parameters.
+        Where the data, with prior knowledge, do not determine the parameters.
     """
     b, c = len(solution.values), reduction.n_columns
     known, noise = _known(reduction, solution, ranges)
     start = np.concatenate([solution.values, np.zeros(c - b)])
+    # Solve for the deviation from the estimate within the free directions, so that active constraints stay active.
     free = _directions(solution, c)
     rows = weighted_factor(reduction, noise, known)
     rest = rows[:, c] - rows[:, :c] @ start
@@ -88,26 +101,26 @@ def linearised(reduction: Reduction, solution: Solution, ranges: FloatArray, kin
 
 
 def _known(reduction: Reduction, solution: Solution, ranges: FloatArray) -> tuple[Information, FloatArray]:
-    """What is known with the ranges of the constants, and the noise (n,) of rows that it is weighed against."""
+    """Return prior knowledge with the ranges of the constants, and the noise (n,) that it is weighed against."""
     b, k = len(solution.values), len(ranges)
-    told = Information(np.hstack([np.zeros((k, b)), np.diag(1.0 / ranges)]), np.zeros(k))
+    range_prior = Information(np.hstack([np.zeros((k, b)), np.diag(1.0 / ranges)]), np.zeros(k))
     before = solution.known
     if before is not None:
         wide = np.hstack([before.factor, np.zeros((len(before.right), k))])
-        return Information(wide, before.right).and_also(told), solution.noise
+        return Information(wide, before.right).and_also(range_prior), solution.noise
     # Rows count for as much as they are worth as independent samples; how they weigh among each other stays.
     noise, counts = solution.noise, reduction.row_counts
     doubt = doubtful_noise(reduction.select(np.arange(b)), solution.values)
     size = float(np.sum(counts * noise**2))
-    return told, noise * float(np.sqrt(np.sum(counts * doubt**2) / size)) if size > 0 else noise
+    return range_prior, noise * float(np.sqrt(np.sum(counts * doubt**2) / size)) if size > 0 else noise
 
 
 def _directions(solution: Solution, c: int) -> FloatArray:
-    """(c, f + k): what is free of the parameters, and all constants."""
+    """Return the free directions (c, f + k): those of the parameters, and all constants."""
     b = len(solution.values)
     if solution.free is None:
         return np.eye(c)
     f = solution.free.shape[1]
-    found = np.zeros((c, f + c - b))
-    found[:b, :f], found[b:, f:] = solution.free, np.eye(c - b)
-    return found
+    directions = np.zeros((c, f + c - b))
+    directions[:b, :f], directions[b:, f:] = solution.free, np.eye(c - b)
+    return directions

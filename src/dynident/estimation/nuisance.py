@@ -1,4 +1,4 @@
-"""Parameters that are in the equations but are of no interest, taken out of them."""
+"""Marginalisation: remove parameters that are in the equations but of no interest."""
 
 from __future__ import annotations
 
@@ -14,17 +14,23 @@ _FLAT = 1e-11
 
 
 def without_nuisance(reduction: Reduction, n_nuisance: int, *, weighted: bool = True) -> Reduction:
-    """The same equations in the other parameters alone, the first `n_nuisance` being fitted to whatever these are.
+    """Remove the first `n_nuisance` parameters from the equations by projection.
 
-    Every column, and Y, is replaced by what regression on the nuisance columns leaves of it; least squares on the rest
+    Every column, and Y, is replaced by its residual of a regression on the nuisance columns; least squares on the rest
     then gives the same estimates and the same residuals as on the whole (Frisch and Waugh 1933, Lovell 1963).
 
     Parameters
     ----------
     reduction : Reduction
         With c columns, the nuisance ones first.
+    n_nuisance : int
     weighted : bool
         Weight every equation by the noise of its own residual, as weighted least squares does.
+
+    Returns
+    -------
+    Reduction
+        The equations in the other c - n_nuisance parameters.
     """
     c = reduction.n_columns
     noise = np.ones(len(reduction.equations))
@@ -32,6 +38,7 @@ def without_nuisance(reduction: Reduction, n_nuisance: int, *, weighted: bool = 
         factor = weighted_factor(reduction, noise)
         noise = noise_levels(reduction, _regression(factor[:, :c], factor[:, c:])[:, 0])
     factor = weighted_factor(reduction, noise)
+    # The regression runs over all equations at once, because a nuisance parameter has one value in all of them.
     explained = _regression(factor[:, :n_nuisance], factor[:, n_nuisance:])
     change = np.vstack([-explained, np.eye(c + 1 - n_nuisance)])
     columns = np.arange(c - n_nuisance)
@@ -46,7 +53,7 @@ def without_nuisance(reduction: Reduction, n_nuisance: int, *, weighted: bool = 
 
 
 def _regression(w: FloatArray, y: FloatArray) -> FloatArray:
-    """(p, q): the least-squares coefficients of y (r, q) on w (r, p); nothing along directions that w does not show."""
+    """Return the coefficients (p, q) of y (r, q) regressed on w (r, p); zero along directions without excitation."""
     scales = np.linalg.norm(w, axis=0)
     scales = np.where(scales > 0, scales, 1.0)
     return np.asarray(np.linalg.lstsq(w / scales, y, rcond=_FLAT)[0] / scales[:, None])

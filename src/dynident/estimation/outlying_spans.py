@@ -1,8 +1,8 @@
-"""Spans of time in which the equations do not hold: what is left of them there stands far above what is left elsewhere.
+"""Spans of time in which the equations do not hold: their residual is far above that of all other rows.
 
 Least squares spreads a disturbance of a few seconds over all parameters and rows, so that its residual stands out
-nowhere. So every span is left out in turn and the parameters are solved from the other rows. What that takes off the
-residual, by row of the span, over what the other rows leave by row is Chow's test: about 1 where the span is like the
+nowhere. So every span is left out in turn and the parameters are solved from the other rows. The drop of the residual
+per row of the span, over the residual per remaining row, is Chow's test: about 1 where the span is like the
 rest, also where its motion is unlike that of the rest.
 """
 
@@ -17,27 +17,29 @@ from dynident.arrays import FloatArray, IndexArray
 from dynident.estimation.factors import Reduction
 
 STANDS_OUT = 25.0
-"""Ratio from which on a span is disturbed by something: five times the residual of the rest.
+"""Ratio above which a span counts as disturbed: five times the residual of the rest.
 
 Clean arms reach 1.4; of 100 arms with friction, springs or loads that the model lacks two reached 9 and 14, the others
 5 (`benchmarks/outlying_spans.py`); a real arm that starts from rest 12, an elastic one 17. A push of a tenth of what
-the second joint can hold reaches 50, of a fifth 4,000."""
+the second joint can hold reaches 50, of a fifth 4,000.
+"""
 
 _MOST_SPANS = 3
 _MOST_SHARE = 0.5
-"""Of all rows, at most: what lasts longer is the rule, and the rest is the exception."""
+"""Largest share of all rows in spans: what lasts longer is the rule, and the rest is the exception."""
 
 _MOST_OF_RUN = 0.8
-"""Share of one of several runs above which it is the run that differs: it carried a load, or was warm."""
+"""Share of one of several segments above which the whole segment differs: it carried a load, or was warm."""
 
 _BLOCKS = 32
-"""Blocks of time, at most, that spans are made of where there is one run: spans are hundreds then, not thousands."""
+"""Largest number of blocks of time that spans are made of in one segment: hundreds of spans then, not thousands."""
 
 _ROUNDS = 3
-"""Of estimating every equation's noise from the rows outside the span; the second changes it by a few per cent."""
+"""Rounds that estimate every equation's noise from the rows outside the span; the second changes it by a few per cent.
+"""
 
 _QUIET = 1e-3
-"""Share of the torque that no sensor resolves: in noiseless data less than that is no residual."""
+"""Share of the torque that no sensor resolves: in noiseless data a smaller residual counts as none."""
 
 _RIDGE = 1e-9
 _BATCH = 256
@@ -45,9 +47,16 @@ _BATCH = 256
 
 @dataclass(frozen=True)
 class OutlyingSpan:
-    """Stretches `first` to `last` (exclusive) of the data, from `start` to `end` in s.
+    """One span of time whose residual stands out.
 
-    `ratio`: squared residual by row of the span over that of the other rows, solved without it.
+    Parameters
+    ----------
+    first, last : int
+        Blocks of time `first` to `last` (exclusive).
+    start, end : float
+        First and last time, s.
+    ratio : float
+        Squared residual per row of the span over that of the other rows, solved without it.
     """
 
     first: int
@@ -59,7 +68,7 @@ class OutlyingSpan:
 
 @dataclass(frozen=True, eq=False)
 class OutlyingSpans:
-    """Spans that stand out, the largest first, and `values` (c,), the parameters solved without them."""
+    """Spans that stand out, the largest ratio first, and the parameters (c,) solved without them."""
 
     spans: tuple[OutlyingSpan, ...]
     values: FloatArray
@@ -71,33 +80,36 @@ def find_outlying_spans(reduction: Reduction, ratio: float = STANDS_OUT) -> Outl
     Parameters
     ----------
     reduction : Reduction
-        Equations by stretches of time.
+        Equations by blocks of time.
     ratio : float
-        Squared residual of a row of the span over that of the others, from which on it stands out.
+        Squared residual of a row of the span over that of the others, above which it stands out.
 
     Returns
     -------
     OutlyingSpans
-        At most three spans, each inside one run and all together at most half of the rows; whole runs are left out.
+        At most three spans, each inside one segment and all together at most half of the rows; whole segments are left
+        out.
     """
     if not reduction.n_stretches:
         return OutlyingSpans((), np.zeros(reduction.n_columns))
     search = _Search(reduction)
-    found: list[OutlyingSpan] = []
+    outlying: list[OutlyingSpan] = []
     for _ in range(_MOST_SPANS):
         best = search.best(ratio)
         if best is None:
             break
         search.leave_out(*best[:2])
         span = search.span(*best)
-        found += [] if span is None else [span]
-    return OutlyingSpans(tuple(sorted(found, key=lambda span: -span.ratio)), search.values())
+        outlying += [] if span is None else [span]
+    return OutlyingSpans(tuple(sorted(outlying, key=lambda span: -span.ratio)), search.values())
 
 
 class _Search:
-    """Inner products of every equation and block (n, s, c + 1, c + 1), their rows (n, s), and the blocks' runs (s,).
+    """Inner products of every equation and block, which a search for outlying spans leaves out.
 
-    `firsts` (s + 1,): the first stretch of every block, and the number of stretches.
+    Products are (n, s, c + 1, c + 1), their rows (n, s), the blocks' segments (s,). `firsts` (s + 1,): the first fine
+    block
+    of every coarse one, and their number.
     """
 
     def __init__(self, reduction: Reduction) -> None:
@@ -115,6 +127,7 @@ class _Search:
         self._counts = np.add.reduceat(counts, starts, axis=1)
         self._total, self._rows = products.sum(axis=1), self._counts.sum(axis=1)
         self._sums = np.zeros((len(products), len(starts) + 1, c + 1, c + 1))
+        # Prefix sums: the products of any window are one difference, which makes hundreds of windows cheap.
         np.cumsum(products, axis=1, out=self._sums[:, 1:])
         self._out = np.zeros(len(starts), dtype=bool)
         squares = self._total[:, -1, -1] / np.maximum(self._rows, 1.0)
@@ -122,18 +135,19 @@ class _Search:
         self._noise = np.maximum(squares, self._floor)
 
     def values(self) -> FloatArray:
-        """(c,): parameters from all rows that are not left out."""
+        """Return the parameters (c,) from all rows that are not left out."""
         return _solve(np.tensordot(1.0 / self._noise, self._total, 1))
 
     def leave_out(self, first: int, last: int) -> None:
-        """Take blocks out of the data."""
+        """Remove blocks from the data."""
         self._total = self._total - (self._sums[:, last] - self._sums[:, first])
         self._rows = self._rows - self._counts[:, first:last].sum(axis=1)
         self._out[first:last] = True
 
     def span(self, first: int, last: int, ratio: float) -> OutlyingSpan | None:
-        """Describe blocks as a span; none where they are nearly a whole run of several: then the run differs."""
+        """Describe blocks as a span; None where they are nearly a whole segment of several."""
         own = self._counts[:, self._run == self._run[first]].sum()
+        # A disturbance of nearly a whole segment is no disturbance: that segment differs from the others.
         if self._run[-1] > 0 and self._counts[:, first:last].sum() > _MOST_OF_RUN * own:
             return None
         stretches = int(self._firsts[first]), int(self._firsts[last])
@@ -142,7 +156,7 @@ class _Search:
         )
 
     def _windows(self) -> list[tuple[int, int]]:
-        """Blocks in a row, inside one run, of at most half of the rows, and not left out yet."""
+        """Return consecutive blocks inside one segment, of at most half of the rows, that are not left out yet."""
         rows, out = np.append(0.0, np.cumsum(self._counts.sum(axis=0))), np.append(0, np.cumsum(self._out))
         most = _MOST_SHARE * rows[-1] - self._counts[:, self._out].sum()
         return [
@@ -170,6 +184,7 @@ class _Search:
             rest = np.concatenate(
                 [self._rest(total, sums, windows[k : k + _BATCH]) for k in range(0, len(windows), _BATCH)]
             )
+            # Noiseless data would divide by rounding errors.
             rest = np.maximum(rest, float((weights * self._floor).mean()) * freedom)
             ratios = np.maximum(whole - rest, 0.0) / inside / (rest / freedom)
             # Of spans that stand out, the one that leaves the others the most likely ends where the disturbance does.
@@ -183,18 +198,18 @@ class _Search:
             best = (a, b, float(ratios[k]))
             outside = self._total - (self._sums[:, b] - self._sums[:, a])
             values = _solve(np.tensordot(weights, outside, 1))
-            left = np.maximum(self._rows - self._counts[:, a:b].sum(axis=1), 1.0)
-            self._noise = np.maximum(_squares(outside, values) / left, self._floor)
+            rows_left = np.maximum(self._rows - self._counts[:, a:b].sum(axis=1), 1.0)
+            self._noise = np.maximum(_squares(outside, values) / rows_left, self._floor)
         return best
 
     def _rest(self, total: FloatArray, sums: FloatArray, windows: Sequence[tuple[int, int]]) -> FloatArray:
-        """(w,): squared residual of the rows outside each window, solved from them."""
+        """Return the squared residual (w,) of the rows outside each window, solved from them."""
         outside = np.array([total - (sums[b] - sums[a]) for a, b in windows])
         return _squares(outside, _solve(outside))
 
 
 def _block_edges(run: IndexArray) -> IndexArray:
-    """First stretch of every block, and their number: equally many stretches each, but that every run begins one."""
+    """Return the first stretch of every block, and their number; every segment begins a block."""
     s = len(run)
     borders = np.flatnonzero(np.diff(run)) + 1
     edges: IndexArray = np.unique(np.concatenate([np.arange(0, s, -(-s // _BLOCKS)), borders, [s]]))
@@ -202,7 +217,10 @@ def _block_edges(run: IndexArray) -> IndexArray:
 
 
 def _runs_of(spans: FloatArray) -> IndexArray:
-    """(s,): number of the run of every stretch: time jumps by more than a stretch, or back, between two runs."""
+    """Return the segment number (s,) of every stretch.
+
+    Time jumps by more than a stretch, or back, between two segments.
+    """
     if not len(spans):
         return np.zeros(0, dtype=np.intp)
     pause = spans[1:, 0] - spans[:-1, 1]
@@ -211,15 +229,17 @@ def _runs_of(spans: FloatArray) -> IndexArray:
 
 
 def _solve(products: FloatArray) -> FloatArray:
-    """(…, c): least-squares solution of products (…, c + 1, c + 1), the smallest where it is not determined."""
+    """Return the least-squares solution (…, c) of products (…, c + 1, c + 1), the smallest where it is not unique."""
     c = products.shape[-1] - 1
     diagonal = np.einsum("...ii->...i", products[..., :c, :c])
     scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0.0)), 1.0)
+    # Normal equations are good enough here: ratios are compared, not parameters reported. The ridge keeps them solvable
+    # where a window takes all that a parameter needs.
     normal = products[..., :c, :c] / scale[..., :, None] / scale[..., None, :] + _RIDGE * np.eye(c)
     return np.asarray(np.linalg.solve(normal, (products[..., :c, c] / scale)[..., None])[..., 0] / scale)
 
 
 def _squares(products: FloatArray, values: FloatArray) -> FloatArray:
-    """(…,): squared residual of parameters (…, c)."""
+    """Return the squared residual (…,) of parameters (…, c)."""
     signed = np.concatenate([-values, np.ones((*values.shape[:-1], 1))], axis=-1)
     return np.asarray(np.maximum(np.einsum("...i,...ij,...j->...", signed, products, signed), 0.0))

@@ -1,7 +1,7 @@
-"""What a residual counts in robust regression: Huber's and Tukey's functions, and a scale that ignores outliers.
+"""Weight functions of robust regression, by Huber and Tukey, and a scale that ignores outliers.
 
 Huber's function has one minimum whatever the first estimate, but a gross outlier still pulls with a constant force.
-Tukey's bisquare lets it go entirely, but has minima of its own beside a poor first estimate. So Huber's comes first and
+Tukey's bisquare rejects it entirely, but has local minima near a poor first estimate. So Huber's comes first and
 the bisquare starts from where it ends (Yohai 1987; Maronna, Martin and Yohai 2006, chapter 5). With the usual constants
 both lose a twentieth of the efficiency of least squares where residuals are normal.
 """
@@ -24,7 +24,10 @@ _MEDIAN = 0.6744897501960817
 class Influence:
     """How a residual u, in units of its standard deviation, acts on the estimate.
 
-    `weight` is w(u) = ψ(u) / u, `slope` ψ'(u), for arrays of any shape.
+    Parameters
+    ----------
+    weight, slope : callable
+        w(u) = ψ(u) / u and ψ'(u), for arrays of any shape.
     """
 
     weight: Callable[[FloatArray], FloatArray]
@@ -54,9 +57,9 @@ BISQUARE = Influence(_bisquare_weight, _bisquare_slope)
 
 
 def robust_scale(residuals: FloatArray) -> FloatArray:
-    """(n,): standard deviation of residuals (m, n) about zero, from their median size: a third may be outliers.
+    """Return the standard deviation about zero of residuals (m, n) per column, from their median size.
 
-    What is not a number does not count; of an equation without any it is zero.
+    A third of them may be outliers. NaN does not count; a column without any number has a scale of zero.
     """
     scale = np.zeros(residuals.shape[1])
     known = np.isfinite(residuals).any(axis=0)

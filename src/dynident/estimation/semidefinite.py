@@ -1,4 +1,4 @@
-"""Least squares under constraints that keep parameters possible: bounds, equations, positive semidefinite matrices.
+"""Least squares under physical constraints: bounds, equations and positive semidefinite matrices.
 
 Solved with Clarabel, an interior-point method for cones (Goulart and Chen 2024).
 """
@@ -32,7 +32,13 @@ class InfeasibleError(DynidentError):
 class MatrixBound:
     """A symmetric matrix that must have no negative eigenvalue: constant + Σ xₖ partₖ ⪰ 0.
 
-    `columns` (k,) are the parameters in it, `parts` (k, m, m) what one of each adds, `constant` (m, m).
+    Parameters
+    ----------
+    columns : (k,)
+        Numbers of the parameters in it.
+    parts : (k, m, m)
+        What a unit of each parameter adds.
+    constant : (m, m)
     """
 
     columns: IndexArray
@@ -40,13 +46,13 @@ class MatrixBound:
     constant: FloatArray
 
     def at(self, values: FloatArray) -> FloatArray:
-        """(m, m): the matrix for parameters (c,)."""
+        """Return the matrix (m, m) for parameters (c,)."""
         return np.asarray(self.constant + np.einsum("k,kij->ij", values[self.columns], self.parts))
 
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """What parameters must satisfy to the last digit: factor x = right, (e, c) and (e,)."""
+    """Equations that parameters must satisfy exactly: factor x = right, (e, c) and (e,)."""
 
     factor: FloatArray
     right: FloatArray
@@ -54,11 +60,19 @@ class Equations:
 
 @dataclass(frozen=True, eq=False)
 class Constrained:
-    """A constrained least-squares solution: `values` (c,).
+    """A constrained least-squares solution.
 
-    `held` (h, c): the directions in which a constraint holds the solution back, one a row; a small change dx that
-    keeps all of these constraints where they are satisfies held dx = 0. `zeros` are the parameters that are held at
-    zero, `edges` the matrices (by their place) that are held at the edge of what they may be.
+    Parameters
+    ----------
+    values : (c,)
+    held : (h, c)
+        Directions in which an active constraint holds the solution back, one per row; a small change dx that keeps
+        these
+        constraints active satisfies held dx = 0.
+    zeros : tuple of int
+        Parameters that are held at zero.
+    edges : tuple of int
+        Indices of the matrices that are singular.
     """
 
     values: FloatArray
@@ -85,6 +99,10 @@ def constrained_least_squares(
     not_negative : indices of parameters
     equations : Equations, optional
 
+    Returns
+    -------
+    Constrained
+
     Raises
     ------
     InfeasibleError
@@ -107,26 +125,28 @@ class _Problem:
     equations: Equations | None
 
     def solve(self) -> FloatArray:
-        """The solution x (c,)."""
+        """Return the solution x (c,)."""
         r, c = self.factor.shape
         # The residual as a variable of its own: factorᵀfactor would square the condition number.
         quadratic = sparse.diags(np.concatenate([np.zeros(c), np.ones(r)]), format="csc")
         rows, rights, cones = self._rows()
+        # A strict tolerance first. Where rounding prevents it, a looser one still gives far more digits than the data
+        # have.
         for tolerance in _TOLERANCES:
-            found = clarabel.DefaultSolver(
+            answer = clarabel.DefaultSolver(
                 quadratic, np.zeros(c + r), sparse.csc_matrix(rows), rights, cones, _settings(tolerance)
             ).solve()
-            status = str(found.status)
+            status = str(answer.status)
             if status in _SOLVED or status in _INFEASIBLE:
                 break
         if status in _INFEASIBLE:
             raise InfeasibleError("no parameters satisfy all constraints at once", title="Infeasible")
-        if status not in _SOLVED or not np.all(np.isfinite(found.x)):
+        if status not in _SOLVED or not np.all(np.isfinite(answer.x)):
             raise InfeasibleError(
                 f"the constrained problem could not be solved ({status}): its numbers differ too much in size",
                 title="Not solved",
             )
-        return np.asarray(found.x)[:c]
+        return np.asarray(answer.x)[:c]
 
     def _rows(self) -> tuple[FloatArray, FloatArray, list[object]]:
         r, c = self.factor.shape
@@ -144,6 +164,7 @@ class _Problem:
             rights.append(np.zeros(len(self.at_least)))
             cones.append(clarabel.NonnegativeConeT(len(self.at_least)))
         for bound in self.matrices:
+            # Only the upper triangle enters; the factor √2 keeps the inner product that of the whole matrix.
             triangle = np.zeros((len(_packed(bound.constant)), c + r))
             for column, part in zip(bound.columns, bound.parts, strict=True):
                 triangle[:, column] = -_packed(part)
@@ -153,7 +174,7 @@ class _Problem:
         return np.vstack(rows), np.concatenate(rights), cones
 
     def described(self, values: FloatArray) -> Constrained:
-        """The solution with the constraints that hold it back."""
+        """Return the solution with the constraints that are active in it."""
         c = len(values)
         zeros = tuple(int(index) for index in self.at_least if values[index] < _HELD)
         rows = ([] if self.equations is None else list(self.equations.factor)) + list(np.eye(c)[list(zeros)])
@@ -166,30 +187,30 @@ class _Problem:
 
 
 def _settings(tolerance: float) -> clarabel.DefaultSettings:
-    made = clarabel.DefaultSettings()
-    made.verbose = False
-    made.max_threads = 1
-    made.static_regularization_constant = _REGULARISATION
-    made.tol_gap_abs = made.tol_gap_rel = made.tol_feas = tolerance
-    made.reduced_tol_gap_abs = made.reduced_tol_gap_rel = made.reduced_tol_feas = _ACCEPTED
-    return made
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.static_regularization_constant = _REGULARISATION
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+    settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = settings.reduced_tol_feas = _ACCEPTED
+    return settings
 
 
 def _held_by(bound: MatrixBound, values: FloatArray) -> list[FloatArray]:
-    """Directions that would change the matrix on the vectors that it is zero on: V's, in vᵢᵀ dJ vⱼ = 0."""
+    """Return the directions that would change the matrix on its null space: rows of vᵢᵀ dJ vⱼ = 0, V spanning it."""
     eigenvalues, vectors = np.linalg.eigh(bound.at(values))
     zero = vectors[:, eigenvalues < _HELD * max(float(np.abs(eigenvalues).max()), 1.0)]
-    made = []
+    directions = []
     for i in range(zero.shape[1]):
         for j in range(i + 1):
             row = np.zeros(len(values))
             row[bound.columns] = np.einsum("i,kij,j->k", zero[:, i], bound.parts, zero[:, j])
-            made.append(row)
-    return made
+            directions.append(row)
+    return directions
 
 
 def _packed(matrix: FloatArray) -> FloatArray:
-    """Upper triangle of a symmetric matrix, column by column, off the diagonal times √2: Clarabel's order."""
+    """Return the upper triangle of a symmetric matrix, column by column, off-diagonals times √2: Clarabel's order."""
     rows, columns = _triangle(len(matrix))
     return np.asarray(matrix[rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0)))
 

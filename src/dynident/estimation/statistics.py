@@ -1,14 +1,14 @@
-"""How sure the estimates are, [12.6]-[12.10], for residuals that are correlated in time and between equations.
+"""Uncertainty of the estimates, [12.6]-[12.10], for residuals that are correlated in time and between equations.
 
 [12.6] assumes independent residuals. Rows that passed a low-pass filter are not, and model errors even less: counting
-them all would promise standard deviations several times too small. Three covariances are to be had, as of regressions
+them all would promise standard deviations several times too small. There are three covariances, as in regression
 with clustered data elsewhere:
 
 by_time_and_joints
-    Stretches of time are independent, nothing within them is, across all equations (`clusters`).
+    Blocks of time are independent, nothing within them is, across all equations (`clusters`).
 by_joint
-    Equations are independent, too. The correlation within an equation is measured from the sums of Wᵀρ over stretches
-    of time: of independent residuals their squares would have a known size, and what they have more is the factor by
+    Equations are independent, too. The correlation within an equation is measured from the sums of Wᵀρ over blocks
+    of time. The squares of these sums have a known size for independent residuals; the excess is the factor by
     which the number of rows overstates the information (Liang and Zeger 1986, pooled over the parameters).
 independent
     [12.6] as it stands: every row counts.
@@ -39,9 +39,16 @@ NORMAL_95 = 1.96
 class Statistics:
     """Uncertainty of a solution.
 
-    `covariance` (c, c) of the estimation error [12.8]; `effective_rows` (n,): the number of independent samples that
-    each equation's rows are worth; `noise` (n,): standard deviation of each equation's residual [12.7]; `freedom` (c,):
-    degrees of freedom that the variance of each estimate is known with.
+    Parameters
+    ----------
+    covariance : (c, c)
+        Of the estimation error, [12.8].
+    effective_rows : (n,)
+        Number of independent samples that each equation's rows are worth.
+    noise : (n,)
+        Standard deviation of each equation's residual, [12.7].
+    freedom : (c,)
+        Degrees of freedom with which the variance of each estimate is known.
     """
 
     covariance: FloatArray
@@ -51,20 +58,30 @@ class Statistics:
 
     @property
     def standard_deviations(self) -> FloatArray:
-        """(c,): [12.9]."""
+        """Standard deviations (c,) of the estimates, [12.9]."""
         return deviations_of(self.covariance)
 
     @property
     def usual_freedom(self) -> float:
-        """Degrees of freedom of what depends on many estimates: the median of theirs."""
+        """Median of the degrees of freedom, for quantities that depend on many estimates."""
         return float(np.median(self.freedom)) if len(self.freedom) else 1.0
 
     def half_widths(self, level: float = 0.95) -> FloatArray:
-        """(c,): half-widths of the intervals that hold the true value with a probability of `level` (Student's t)."""
+        """Return the half-widths (c,) of the intervals that hold the true value with this probability (Student's t)."""
         return np.asarray(stdtrit(self.freedom, 0.5 + 0.5 * level) * self.standard_deviations)
 
     def relative_standard_deviations(self, values: FloatArray) -> FloatArray:
-        """(c,): [12.10] as a fraction; infinite for a parameter whose estimate is zero."""
+        """Return the standard deviations relative to the estimates, [12.10].
+
+        Parameters
+        ----------
+        values : (c,)
+            The estimates.
+
+        Returns
+        -------
+        (c,) array of fractions; infinite for a parameter whose estimate is zero
+        """
         size = np.abs(values)
         relative = np.full(len(size), np.inf)
         np.divide(self.standard_deviations, size, out=relative, where=size > 0)
@@ -72,10 +89,20 @@ class Statistics:
 
 
 def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = "by_time_and_joints") -> Statistics:
-    """Covariance of the estimates, with what `kind` says is correlated accounted for.
+    """Return the covariance of the estimates with the correlations that `kind` names accounted for.
 
-    Where there are fewer than five stretches of time nothing tells how the rows of different equations go together,
-    and by_time_and_joints is by_joint.
+    With fewer than five blocks of time nothing tells how the rows of different equations correlate, and
+    by_time_and_joints is by_joint.
+
+    Parameters
+    ----------
+    reduction, solution : Reduction, Solution
+        The data and the estimate from it.
+    kind : {"by_time_and_joints", "by_joint", "independent"}
+
+    Returns
+    -------
+    Statistics
     """
     inflation = correlation_factors(reduction, solution.values)
     noise = residual_noise(reduction, solution.values)
@@ -84,6 +111,7 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
         spread = spread_over_stretches(reduction, solution)
         return Statistics(spread.covariance, worth, noise, spread.freedom)
     counted = np.ones(len(inflation)) if kind == "independent" else inflation
+    # The sandwich estimator: B (Σ σⱼ² inflationⱼ WⱼᵀWⱼ) B. It is [12.8] where the weights are the true noise.
     bread = solution.normal_inverse
     c = reduction.n_columns
     meat = np.zeros((c, c))
@@ -92,6 +120,7 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
         w = equation.joined[:, :-1]
         meat[np.ix_(equation.columns, equation.columns)] += weight * (w.T @ w)
     if solution.known is not None:
+        # Rows of prior knowledge are in units of their own deviation, so their variance is one.
         meat += solution.known.factor.T @ solution.known.factor
     covariance = bread @ meat @ bread
     freedom = freedom_of_rows(reduction.row_counts / counted, c)
@@ -99,11 +128,23 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
 
 
 def freedom_of_rows(independent: FloatArray, n_columns: int) -> FloatArray:
-    """(c,): degrees of freedom where so many rows (n,) of every equation are independent: what the fit leaves."""
+    """Return the degrees of freedom that a fit leaves of independent rows, the same for all parameters.
+
+    Parameters
+    ----------
+    independent : (n,)
+        Number of independent rows of every equation.
+    n_columns : int
+        Number of parameters c.
+
+    Returns
+    -------
+    (c,) array, at least 1
+    """
     return np.full(n_columns, max(float(independent.sum()) - n_columns, 1.0))
 
 
 def correlations(covariance: FloatArray) -> FloatArray:
-    """(c, c): correlation of the estimates."""
+    """Return the correlation matrix (c, c) of the estimates."""
     deviation = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     return np.asarray(covariance / np.outer(deviation, deviation))

@@ -1,4 +1,4 @@
-"""Triangular factors of rows: what stands for any number of them."""
+"""QR decomposition: triangular factors that stand for any number of rows."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from scipy.linalg import lapack
 from dynident.arrays import FloatArray
 
 _BLOCK = 32
-"""Columns that LAPACK takes at once: it asks for room for so many."""
+"""Columns that LAPACK processes at once; its workspace is this many times the number of columns."""
 
 
 def triangular(rows: FloatArray) -> FloatArray:
-    """(…, k, k): the factor R of the QR decomposition of rows (…, m, k); (…, m, k) where there are fewer rows."""
+    """Return the factor R (…, k, k) of the QR decomposition of rows (…, m, k); (…, m, k) where there are fewer rows."""
     if rows.ndim > 2 or not rows.size:
         return np.asarray(np.linalg.qr(rows, mode="r"))
     # By SciPy: numpy keeps Python's lock all the while, and other threads would wait.
@@ -21,7 +21,7 @@ def triangular(rows: FloatArray) -> FloatArray:
 
 
 def join(factors: FloatArray) -> FloatArray:
-    """(k, k): the factor of the rows of all factors (s, k, k) together."""
+    """Return the factor (k, k) of the rows of all factors (s, k, k) together."""
     k = factors.shape[-1]
     if not len(factors):
         return np.zeros((k, k))
@@ -29,7 +29,7 @@ def join(factors: FloatArray) -> FloatArray:
 
 
 def squared(r: FloatArray) -> FloatArray:
-    """(…, k, k): (…, m, k) filled up with zero rows what has fewer rows than columns."""
+    """Return a factor (…, m, k) padded with zero rows to (…, k, k) where it has fewer rows than columns."""
     missing = r.shape[-1] - r.shape[-2]
     if missing <= 0:
         return r

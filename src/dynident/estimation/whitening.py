@@ -1,4 +1,4 @@
-"""Columns of many stretches of time turned into uncorrelated ones of size one: what correlation is measured in."""
+"""Columns of many blocks of time, combined into uncorrelated ones of size one."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ _SEEN = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
-    """Columns (s, m, p) of s stretches with Σ WₛᵀWₛ = 1, and `spread` = Σ tr((WₛᵀWₛ)²), at most p.
+    """Columns (s, m, p) of s blocks with Σ WₛᵀWₛ = 1, and `spread` = Σ tr((WₛᵀWₛ)²), at most p.
 
-    They are combinations of the columns that they were made of; directions that no stretch sees are left out.
+    They are combinations of the columns that they were made of; directions that no block excites are left out.
     """
 
     rows: FloatArray
@@ -28,11 +28,11 @@ class Whitened:
 
 
 def whitened(w: FloatArray, factor: FloatArray) -> Whitened | None:
-    """Whiten columns w (s, m, k) with the triangular factor (…, k) of all of them; None where nothing is seen."""
+    """Whiten columns w (s, m, k) with the triangular factor (…, k) of all of them; None where all are zero."""
     _, singular, vt = np.linalg.svd(factor, full_matrices=False)
-    seen = singular > _SEEN * singular[0] if singular[0] > 0 else np.zeros(len(singular), dtype=bool)
-    if not seen.any():
+    is_excited = singular > _SEEN * singular[0] if singular[0] > 0 else np.zeros(len(singular), dtype=bool)
+    if not is_excited.any():
         return None
-    rows = w @ (vt[seen].T / singular[seen])
+    rows = w @ (vt[is_excited].T / singular[is_excited])
     grams = rows.transpose(0, 2, 1) @ rows
     return Whitened(rows, float(np.sum(grams * grams)))

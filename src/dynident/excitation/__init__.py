@@ -1,4 +1,4 @@
-"""Experiments that excite: criteria, the trajectories that are best by them, and the design of whole sets of runs."""
+"""Design of exciting experiments: criteria, the trajectories that are best by them, and whole sets of runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be asked of a design, and what cannot."""
+"""Checks of a design request."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SAMPLES_PER_WAVE = 4
 
 
 def check_request(request: DesignRequest) -> None:
-    """Raise `DynidentError` for what cannot be asked; joints, effects and limits are checked where they are used."""
+    """Raise `DynidentError` for an impossible request; joints, effects and limits are checked where they are used."""
     check_ranges(request)
     _one_of(request.kind, KINDS, "kind of design", "/kind")
     _one_of(request.model, ROW_MODELS, "identification model to design for", "/model")
@@ -86,18 +86,18 @@ def _check_points(request: DesignRequest) -> None:
 
 def _check_fineness(trajectory: TrajectoryRequest) -> None:
     """Raise where the shapes of a periodic trajectory are too fast for the sampling."""
-    what = "intervals" if trajectory.family == "b_spline" else "harmonics"
-    count = trajectory.intervals if what == "intervals" else trajectory.harmonics
-    fastest = count / trajectory.duration / (2 if what == "intervals" else 1)
+    pieces = "intervals" if trajectory.family == "b_spline" else "harmonics"
+    count = trajectory.intervals if pieces == "intervals" else trajectory.harmonics
+    fastest = count / trajectory.duration / (2 if pieces == "intervals" else 1)
     least = _SAMPLES_PER_WAVE * fastest
     if trajectory.sampling_rate < least:
         raise DynidentError(
-            f"a sampling rate of {trajectory.sampling_rate:g} Hz is too low for {what} that make {fastest:g} Hz; use "
-            f"at least {least:g} Hz, fewer {what} or a longer period",
+            f"a sampling rate of {trajectory.sampling_rate:g} Hz is too low for {pieces} that make {fastest:g} Hz; use "
+            f"at least {least:g} Hz, fewer {pieces} or a longer period",
             pointer="/trajectory/sampling_rate",
         )
 
 
-def _one_of(value: str, known: tuple[str, ...], what: str, pointer: str) -> None:
+def _one_of(value: str, known: tuple[str, ...], subject: str, pointer: str) -> None:
     if value not in known:
-        raise DynidentError(f"there is no {what} {value!r}; there are: {', '.join(known)}", pointer=pointer)
+        raise DynidentError(f"there is no {subject} {value!r}; there are: {', '.join(known)}", pointer=pointer)

@@ -1,4 +1,4 @@
-"""From a robot and a wish to an experiment that keeps every limit: the room's entry."""
+"""Design of an experiment: from a robot and a request to a motion that keeps every limit."""
 
 from __future__ import annotations
 
@@ -43,13 +43,15 @@ def design_experiment(
     ----------
     robot : Robot
     request : DesignRequest
-    earlier : sequence of Recording
-        Runs that were recorded before: what they tell of the parameters counts, so that the new experiment complements
-        them.
     progress : Progress
-        Told the start, the iteration, the criterion and the tightest limit; may raise to cancel.
+        Receives the start, the iteration, the criterion and the tightest limit; may raise to cancel.
+    earlier : sequence of Recording
+        Recordings of earlier runs: their information about the parameters counts, so that the new experiment
+        complements
+        them.
     checkpoints : Checkpoints, optional
-        Keeps how far the search of a periodic trajectory is; one that was stopped goes on from there, its time counted.
+        Keeps the state of the search of a periodic trajectory. A search that was stopped continues from there, its time
+        counted.
 
     Returns
     -------
@@ -59,7 +61,7 @@ def design_experiment(
     Raises
     ------
     DynidentError
-        What is asked for cannot be designed; `ImpossibleLimitsError` names the limit in the way.
+        The request cannot be met; `ImpossibleLimitsError` names the limit in the way.
     """
     budget = Budget(request.wanted_starts, request.time_budget)
     progress = ascending(progress)
@@ -68,6 +70,7 @@ def design_experiment(
     if request.home is not None:
         check_home(request.home, limits)
     model = design_model(robot, with_rivals(request.wanted_effects, request.criterion), other_runs=bool(earlier))
+    # Designed for limits slightly inside the true ones, the verification does not fail by rounding.
     bounds, notes = limits.tightened(), list[str]()
     if request.trajectory.joints and request.kind not in JOINT_BY_JOINT:
         home = home_candidates(request.home, bounds, model)[0]
@@ -83,8 +86,8 @@ def design_experiment(
     )
     task = Task(request, model, yardstick, limits, bounds, progress, checkpoints or NoCheckpoints())
     progress(0.0, f"{model.n_parameters} base parameters")
-    made = joint_by_joint(task) if request.kind in JOINT_BY_JOINT else _moving_together(task, budget)
-    motion = in_sequence(made.pieces, task.rate)
+    experiment = joint_by_joint(task) if request.kind in JOINT_BY_JOINT else _moving_together(task, budget)
+    motion = in_sequence(experiment.pieces, task.rate)
     floor_assumed = limits.space is not None and limits.space.assumed
     reach = reach_notes(robot, motion.t, motion.q, request.surroundings, floor_assumed=floor_assumed)
     progress(1.0, "done")
@@ -95,19 +98,20 @@ def design_experiment(
         q=motion.q,
         dq=motion.dq,
         ddq=motion.ddq,
-        exciting=made.exciting,
-        period=made.period,
+        exciting=experiment.exciting,
+        period=experiment.period,
         parameter_names=model.parameter_names,
-        criterion_values=made.valued.values,
-        baseline=made.baseline,
-        margins=made.margins,
-        notes=(*made.notes, *notes, *model.notes, *limits.notes, *reach),
-        expected=made.valued.expected,
-        runs=made.runs,
+        criterion_values=experiment.valued.values,
+        baseline=experiment.baseline,
+        margins=experiment.margins,
+        notes=(*experiment.notes, *notes, *model.notes, *limits.notes, *reach),
+        expected=experiment.valued.expected,
+        runs=experiment.runs,
     )
 
 
 def _moving_together(task: Task, budget: Budget) -> Made:
+    """Design a motion of several joints at once."""
     if task.request.kind == "sequential":
         return sequential(task, budget)
     if task.request.trajectory.family == "point_to_point":

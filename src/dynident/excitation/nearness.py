@@ -1,4 +1,4 @@
-"""What every part of a robot is nearest to while a designed motion goes on: for a picture of it."""
+"""Clearance along a designed motion, body by body, for a picture of it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,19 @@ from dynident.robot.model import Robot
 def nearest_along(
     robot: Robot, request: DesignRequest, q: FloatArray, mesh_folders: Sequence[Path] = ()
 ) -> tuple[Nearest, ...]:
-    """Of every body that a design keeps clear of anything, what it is nearest to at postures q (m, n).
+    """Return for every body that a design keeps clear what it is nearest to at postures q.
+
+    Parameters
+    ----------
+    robot : Robot
+    request : DesignRequest
+    q : (m, n)
+    mesh_folders : sequence of Path
+        Folders of the description's meshes.
+
+    Returns
+    -------
+    tuple of Nearest
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The motion that a request is going to give, without its verification: to predict what a design is worth."""
+"""Rehearsal of a design: its motion without verification, to predict what the design is worth."""
 
 from __future__ import annotations
 
@@ -27,17 +27,30 @@ _POSTURES = 30
 
 @dataclass(frozen=True, eq=False)
 class Rehearsal:
-    """A motion that stands for an experiment: `n_samples` samples at `rate` Hz are like those of `motion`."""
+    """A motion that stands for an experiment: its `n_samples` samples are like those of `motion`."""
 
     motion: Motion
     n_samples: float
 
 
 def quick_motion(request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float) -> Rehearsal:
-    """A motion of the kind asked for, to tell in a moment whether that kind is worth while.
+    """Return a motion of the requested kind, fast enough to tell whether that kind is worth while.
 
-    Of a periodic trajectory one period of the best of a few random ones, at every pace: what is optimised is better, or
-    at least another. The moves from and to rest are not in it.
+    Of a periodic trajectory it is one period of the best of a few random ones, at every pace: an optimised one is
+    better,
+    or at least different. The moves from and to rest are not included.
+
+    Parameters
+    ----------
+    request : DesignRequest
+    model : DesignModel
+    bounds : Bounds
+    rate : float
+        Hz, of the samples of strokes.
+
+    Returns
+    -------
+    Rehearsal
 
     Raises
     ------
@@ -51,14 +64,21 @@ def quick_motion(request: DesignRequest, model: DesignModel, bounds: Bounds, rat
 def rehearsed_motion(
     request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float, earlier: FloatArray | None = None
 ) -> Rehearsal:
-    """The motion that a design of this request is going to have, but for what its verification takes off.
+    """Return the motion that a design of this request will have, except for what its verification removes.
 
     Parameters
     ----------
+    request : DesignRequest
+    model : DesignModel
+    bounds : Bounds
     rate : float
-        Hz, of the samples of strokes: the design's own where the model has a memory, fewer do otherwise.
+        Hz, of the samples of strokes: the design's own where the model has a memory, fewer otherwise.
     earlier : (r, b), optional
-        Rows beside W / √N that stand for earlier runs, see `earlier_rows`.
+        Rows besides W / √N that stand for earlier runs, see `earlier_rows`.
+
+    Returns
+    -------
+    Rehearsal
 
     Raises
     ------
@@ -74,20 +94,20 @@ def rehearsed_motion(
         course = course_of(unloaded, model, home, strokes, repeats=request.trajectory.periods, rate=rate)
         motion = in_sequence(course.pieces, rate)
         return Rehearsal(motion, float(len(motion.t)))
-    wanted = request.trajectory
-    family = family_of(wanted, wanted.duration)
+    trajectory = request.trajectory
+    family = family_of(trajectory, trajectory.duration)
     yardstick = yardstick_of(model, request.criterion, request.noise, earlier=earlier)
     budget = Budget(request.wanted_starts, request.time_budget)
     best = searched(request, family, model, bounds, yardstick, budget).best
     parts, elapsed = [], 0.0
-    for pace in wanted.paces:
-        slow = family.lasting(wanted.duration / pace)
+    for pace in trajectory.paces:
+        slow = family.lasting(trajectory.duration / pace)
         # The same number of samples at every pace would count the slow ones too little.
-        t = np.arange(0.0, slow.period, wanted.duration / samples_of_a_period(model, family))
+        t = np.arange(0.0, slow.period, trajectory.duration / samples_of_a_period(model, family))
         part = PeriodicMotion(slow, best.x).evaluate(t)
         parts.append(Motion(elapsed + part.t, part.q, part.dq, part.ddq, part.dddq))
         elapsed += slow.period
-    return Rehearsal(joined(parts), elapsed * wanted.periods * rate)
+    return Rehearsal(joined(parts), elapsed * trajectory.periods * rate)
 
 
 def _check_held(strokes: Sequence[Stroke], home: FloatArray, bounds: Bounds, model: DesignModel) -> None:
@@ -98,7 +118,9 @@ def _check_held(strokes: Sequence[Stroke], home: FloatArray, bounds: Bounds, mod
     for joint in sorted({stroke.joint for stroke in strokes}):
         own = [stroke for stroke in strokes if stroke.joint == joint]
         along = np.tile(home, (_POSTURES, 1))
-        along[:, joint] = np.linspace(min(one.low for one in own), max(one.high for one in own), _POSTURES)
+        along[:, joint] = np.linspace(
+            min(own_stroke.low for own_stroke in own), max(own_stroke.high for own_stroke in own), _POSTURES
+        )
         postures.append(along)
     if (np.abs(static_torque(model, np.concatenate(postures))) > bounds.torque).any():
         raise ImpossibleLimitsError("the arm cannot be held everywhere on the way", pointer="/home")

@@ -1,4 +1,4 @@
-"""What is asked of a design."""
+"""Request for the design of an experiment."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DESIGN_KINDS = OneOf(
 )
 KINDS = DESIGN_KINDS.names
 JOINT_BY_JOINT = ("constant_velocity", "slow_sweep", "reversals")
-"""Kinds in which one joint moves at a time, with the friction of the joints for its default effects."""
+"""Kinds in which one joint moves at a time, with the friction of the joints as default effects."""
 FAMILY_KINDS = OneOf(
     Choice("fourier", "Fourier series", "Sines of a fundamental frequency: periodic."),
     Choice("b_spline", "B-spline", "Free coefficients between even knots: periodic."),
@@ -40,7 +40,7 @@ DEFAULT_STARTS = 4
 _MOST_TIMES = 1_000_000
 _MOST_HARMONICS = 100
 _SLOWEST = 1e-4
-"""Share of a speed: ten thousand times slower, a motion of a second takes hours."""
+"""Smallest share of a speed: ten thousand times slower, a motion of a second takes hours."""
 
 _SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
 _REVERSAL_SPEEDS = (0.01,)
@@ -169,12 +169,12 @@ class DesignRequest:
 
     @property
     def wanted_amplitudes(self) -> tuple[float, ...]:
-        """Amplitudes of reversals in rad or m."""
+        """Amplitudes of reversals, rad or m."""
         return _AMPLITUDES if self.trajectory.amplitudes is None else self.trajectory.amplitudes
 
     @property
     def wanted_starts(self) -> int | None:
-        """Number of starts; `None`: as many as the time allows."""
+        """Number of starts; None for as many as the time allows."""
         if self.starts is None and self.time_budget is None:
             return DEFAULT_STARTS
         return self.starts

@@ -1,4 +1,4 @@
-"""What comes back of a design."""
+"""Result of a design."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from dynident.motion.surroundings.reach import FLOOR_ALONE, NOTHING_STATED
 from dynident.robot.collision import UNCHECKED
 
 _WARNINGS = (UNCHECKED, NOTHING_STATED, FLOOR_ALONE)
-"""How notes begin that say what was not checked."""
+"""Beginnings of notes that say what was not checked."""
 _HAIR = 1e-9
 
 
 @dataclass(frozen=True)
 class Run:
-    """One test motion of a set: what it is for, the joints that move, and from when to when (s)."""
+    """One test motion of a set: its purpose, the joints that move, and its start and end (s)."""
 
     label: str
     joints: tuple[str, ...]
@@ -32,12 +32,31 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A verified experiment: t (N,), q, dq, ddq (N, n) at the sampling rate, from home to home.
+    """A verified experiment: samples at the sampling rate, from home to home.
 
-    `exciting` are the times (s) between which the exciting part lies; `period` is its period, `None` where it has
-    none. `baseline` is what random trajectories reach, `None` where there is nothing to compare. `margins` tell how
-    near every limit comes, on a grid ten times as fine. `parameter_names` are the base parameters it was designed for,
-    `expected` how well each of them will come out. `runs` are the test motions of a set, one after the other.
+    Parameters
+    ----------
+    joint_names : (n,)
+    request : DesignRequest
+    t : (N,)
+        s
+    q, dq, ddq : (N, n)
+    exciting : (float, float)
+        Times (s) between which the exciting part lies.
+    period : float or None
+        Period of the exciting part, s; None where it has none.
+    parameter_names : tuple of str
+        Base parameters that it was designed for.
+    criterion_values : CriterionValues
+    baseline : Baseline or None
+        What random trajectories reach; None where there is nothing to compare.
+    margins : tuple of Margin
+        How near every limit comes, on a grid ten times as fine.
+    notes : tuple of str
+    expected : tuple of ExpectedParameter
+        Expected uncertainty of each parameter.
+    runs : tuple of Run
+        The test motions of a set, one after the other.
     """
 
     joint_names: tuple[str, ...]
@@ -65,7 +84,7 @@ class Design:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The notes without which nobody should run the motion."""
+        """The notes that one must have read before running the motion."""
         return tuple(note for note in self.notes if note.startswith(_WARNINGS))
 
     @property
@@ -83,10 +102,10 @@ class Design:
 
     @property
     def sampling_rate(self) -> float:
-        """Hz."""
+        """Sampling rate, Hz."""
         return self.request.trajectory.sampling_rate
 
     @property
     def duration(self) -> float:
-        """Seconds from home to home."""
+        """Time from home to home, s."""
         return float(self.t[-1])

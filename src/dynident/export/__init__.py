@@ -1,4 +1,4 @@
-"""Identified models for other programs: URDF, MJCF, C code, CasADi functions, JSON."""
+"""Export of identified models to other programs: URDF, MJCF, C code, CasADi functions, JSON."""
 
 from __future__ import annotations
 
@@ -39,5 +39,5 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    # Requests are declared in this package, too. Loading names lazily lets code that only reads requests start fast.
     __getattr__ = lazily(__name__)

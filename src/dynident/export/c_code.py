@@ -1,4 +1,4 @@
-"""The identified inverse dynamic model as one C99 file that needs nothing but a C compiler and its mathematics library.
+"""Write the identified inverse dynamic model as one C99 file that needs only a C compiler and its math library.
 
 The file declares and defines one function that computes the torque of a sample, and where the model has hysteresis a
 state with a function that relaxes it. Compile the file as it is; to get the declarations alone, define
@@ -21,12 +21,20 @@ _STATE = ("z", "q_before")
 
 
 def c_name(identification: Identification) -> str:
-    """What all names in the file begin with."""
+    """Return the prefix of all names in the file."""
     return f"dynident_{slug(identification.model.robot.name)}"
 
 
 def to_c(identification: Identification) -> str:
     """Return the C99 source of the identified inverse dynamic model.
+
+    Parameters
+    ----------
+    identification : Identification
+
+    Returns
+    -------
+    str
 
     Raises
     ------
@@ -53,13 +61,14 @@ def _header(identification: Identification, formula: TorqueFormula, name: str) -
     lines += [*identification_lines(identification), "", SIGNS, "", "Joints, in the order of every array:"]
     lines += [f"  [{j.number - 1}] {j.name}: {j.kind}, torque in {j.unit}" for j in joint_lines(identification)]
     lines += ["", f"Arguments of {name}_torque:"]
-    lines += [f"  {one.name}: {one.meaning}" for one in formula.arguments if one.name not in _STATE]
+    lines += [f"  {argument.name}: {argument.meaning}" for argument in formula.arguments if argument.name not in _STATE]
     if formula.memory:
         lines.append(f"  state: the past of the run, for effects with hysteresis; {name}_start at its start, then one")
         lines.append("      call a sample, in the order of time")
     lines += ["  tau: the torque (out); another array than the others", "", "Base parameters:"]
-    for one in identification.parameters:
-        lines.append(f"  {one.name} = {one.value:.9g} {one.unit} (s. d. {one.standard_deviation:.2g}): {one.grouping}")
+    for parameter in identification.parameters:
+        deviation = f"(s. d. {parameter.standard_deviation:.2g})"
+        lines.append(f"  {parameter.name} = {parameter.value:.9g} {parameter.unit} {deviation}: {parameter.grouping}")
     return lines
 
 
@@ -69,7 +78,8 @@ def _comment(lines: list[str]) -> str:
         indent = " " * (len(line) - len(line.lstrip()))
         text = in_c_comment(line).rstrip()
         wrapped += textwrap.wrap(text, _WIDTH, subsequent_indent=f"{indent}    ") or [""]
-    # Wrapping can leave a pair that begins or ends a comment on no line: it only breaks at blanks.
+    # Text is made safe before wrapping. That is enough, because wrapping breaks at blanks only and so joins no
+    # characters to a new */ or /*.
     return "/*\n" + "".join(f" * {line}".rstrip() + "\n" for line in wrapped) + " */\n"
 
 
@@ -88,7 +98,7 @@ def _declarations(formula: TorqueFormula, name: str) -> str:
 
 
 def _signature(formula: TorqueFormula, name: str) -> str:
-    arguments = [_parameter(one) for one in formula.arguments if one.name not in _STATE]
+    arguments = [_parameter(argument) for argument in formula.arguments if argument.name not in _STATE]
     if formula.memory:
         arguments.append(f"{name}_state *state")
     arguments.append(f"double tau[{formula.robot.n}]")
@@ -103,7 +113,7 @@ def _parameter(argument: Argument) -> str:
 
 
 def _c_argument(argument: Argument) -> str:
-    # time is a function of the standard library.
+    # `time` is a function of C's standard library.
     return "t" if argument.name == "time" else argument.name
 
 
@@ -114,11 +124,13 @@ def _definitions(formula: TorqueFormula, name: str) -> str:
         outputs.append([f"state->z[{k}]" for k in range(len(formula.memory))])
     statements, read = c_statements(function_of(formula), inputs, outputs)
     body: list[str] = []
+    # At the first sample no position was before: q itself makes the displacement zero.
     if formula.memory:
         body += ["int j;", f"double q_before[{formula.robot.n}];"]
         body.append(
             f"for (j = 0; j < {formula.robot.n}; j++) q_before[j] = state->started ? state->q_before[j] : q[j];"
         )
+    # Compilers warn of parameters that are never read.
     body += [
         f"(void){_c_argument(argument)};"
         for argument, places in zip(formula.arguments, inputs, strict=True)
@@ -150,7 +162,7 @@ def _block(body: list[str]) -> str:
 
 
 def _places(argument: Argument) -> list[str]:
-    """C expressions of the entries of an argument."""
+    """Return C expressions of the entries of an argument."""
     if argument.name in ("time", "period"):
         return [_c_argument(argument)]
     owner = "state->z" if argument.name == "z" else argument.name

@@ -1,4 +1,4 @@
-"""CasADi's list of instructions as C99 statements, each of which names one value."""
+"""Translate CasADi's list of instructions to C99 statements, one constant for each intermediate value."""
 
 from __future__ import annotations
 
@@ -57,11 +57,11 @@ _BINARY = {
 _C: dict[int, str] = _UNARY | _BINARY
 
 SIGN_FUNCTION = "static double sign_of(double x)\n{\n    return (double)((x > 0.0) - (x < 0.0));\n}"
-"""What the statements call beside <math.h>."""
+"""C function that the statements call beside those of <math.h>."""
 
 
 def c_number(value: float) -> str:
-    """A number as C writes it, to the last digit."""
+    """Return a number as C writes it, to the last digit."""
     if not math.isfinite(value):
         raise DynidentError(f"the model holds the number {value}, which C code cannot", title="Not expressible in C")
     text = repr(float(value))
@@ -84,6 +84,7 @@ def c_statements(
     DynidentError
         For an operation that C code is not written for.
     """
+    # CasADi reuses its work slots: `holds` maps a slot to the C expression that is in it at this instruction.
     holds: dict[int, str] = {}
     statements: list[str] = []
     ends: list[str] = []
@@ -110,5 +111,5 @@ def c_statements(
                 "CasADi function instead",
                 title="Not expressible in C",
             )
-    # Outputs last: a caller may give the same array for what goes in and what comes out.
+    # Outputs are written last, because a caller may pass the same array as an input and as the output.
     return statements + ends, read

@@ -1,9 +1,9 @@
-"""A full set of standard parameters of bodies that can exist, for programs that know links and joints only.
+"""Complete base parameters to all standard parameters of bodies that can exist, for programs that know only links.
 
-The base parameters determine the torque, but a file of links needs all ten parameters of each. Of all sets that give
-the identified base parameters, the one nearest to the description (or to the standard parameters that were estimated)
-is taken whose links have pseudo-inertias that are positive definite (Wensing, Kim and Slotine 2018) and whose rotors
-are not negative: a semidefinite problem, whose solution is then moved onto G K = χ to the last digit.
+The base parameters determine the torque, but a file of links needs all ten parameters of each link. Among all sets that
+give the identified base parameters, with positive definite pseudo-inertias (Wensing, Kim and Slotine 2018) and rotors
+that are not negative, the one nearest to the description (or to estimated standard parameters) is chosen. This is a
+semidefinite problem, whose solution is then projected on G K = χ to the last digit.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ from dynident.identification.estimators.feasible import feasible
 from dynident.identification.problem import Problem
 from dynident.regressors.model import Model
 
-# Least eigenvalues of a link's pseudo-inertia, in units of its usual mass and size, that are tried one after the other.
-# Links that were estimated as feasible are so already.
+# Least eigenvalues of a link's pseudo-inertia, in units of its usual mass and size, tried in this order: a large margin
+# keeps links away from degenerate bodies, but not all base parameters allow it. Parameters of a feasible estimator may
+# lie at the border already, so that for them only small margins are tried.
 _MARGINS = (2e-2, 1e-3, 1e-5, 0.0)
 _SMALL_MARGINS = _MARGINS[2:]
-# How much less the distance to the description counts than what is impossible; and the share of the worst that is
-# blamed as well.
+# Weights of the distance to the description against violations; and the share of the worst violation from which on
+# other links are named in the error as well.
 _NEAR, _BLAMED = (1e-2, 1e-1, 1.0), 0.1
-# Below this, of its usual size, a rotor is none; below that margin a link is flat or none; and what of friction is
-# rounding.
+# Share of its usual size below which a rotor counts as zero; margin below which a link counts as infeasible; and
+# negative friction that is still rounding.
 _NO_ROTOR, _POSSIBLE, _ROUNDING = 1e-6, 1e-9, -1e-9
 _FRICTION: tuple[Role, ...] = ("dry", "damping")
 
@@ -41,8 +42,17 @@ _FRICTION: tuple[Role, ...] = ("dry", "damping")
 class Completion:
     """Standard parameters of a whole robot.
 
-    inertias (n, 10), in the order of `INERTIAL_NAMES`; rotors, coulomb, viscous (n,); `values` (b,) the base parameters
-    that they give. `exact`: those are the identified ones. `notes` say what a user must know of them.
+    Attributes
+    ----------
+    inertias : ndarray (n, 10)
+        In the order of `INERTIAL_NAMES`.
+    rotors, coulomb, viscous : ndarray (n,)
+    values : ndarray (b,)
+        The base parameters that they give.
+    exact : bool
+        Whether these are the identified ones.
+    notes : tuple of str
+        What a user must know of them.
     """
 
     inertias: FloatArray
@@ -61,26 +71,30 @@ def complete(identification: Identification, *, nearest: bool = False, rotors_in
     ----------
     identification : Identification
     nearest : bool
-        Where there are none: give those whose torque along the identification's data is nearest instead, and a note.
+        If there are none, return those with the nearest torque along the identification's data instead, and a note.
     rotors_in_links : bool
-        Give rotors only what cannot be said of the links.
+        Give rotors only what cannot belong to the links.
+
+    Returns
+    -------
+    Completion
 
     Raises
     ------
     DynidentError
-        Where there are none and `nearest` is not set (naming the links), or the model has no rigid body.
+        If there are none and `nearest` is not set (naming the links), or the model has no rigid body.
     """
     values = identification.values
     blamed = _driving_friction(identification.estimate)
     margins = _SMALL_MARGINS if identification.choices.solver.possible_bodies else _MARGINS
-    # Where the rotors' share does not fit into the links, they may have one of their own.
+    # If the links cannot take the rotors' inertia, try again with rotors of their own.
     for merged in (True, False) if rotors_in_links else (False,):
         unknowns = Unknowns.of(identification.model, rotors_in_links=merged, estimated=identification.estimate.standard)
         equations = _equations(unknowns, values)
-        found = _completed(unknowns, equations, values, margins)
-        if found is not None and not blamed:
-            return _gathered(identification.model, unknowns, found, values)
-    if found is None:
+        completed = _completed(unknowns, equations, values, margins)
+        if completed is not None and not blamed:
+            return _gathered(identification.model, unknowns, completed, values)
+    if completed is None:
         blamed += _impossible(unknowns, equations)
     if not nearest:
         raise DynidentError(
@@ -94,7 +108,7 @@ def complete(identification: Identification, *, nearest: bool = False, rotors_in
 
 
 def _equations(unknowns: Unknowns, values: FloatArray) -> Equations:
-    """The base parameters as equations of the unknowns over their scale, each of unit size."""
+    """Return the base parameters as equations of the scaled unknowns, each row of unit length."""
     factor = unknowns.grouping[unknowns.base_rows] * unknowns.scale
     sizes = np.linalg.norm(factor, axis=1)
     return Equations(factor / sizes[:, None], values[unknowns.base_rows] / sizes)
@@ -103,10 +117,10 @@ def _equations(unknowns: Unknowns, values: FloatArray) -> Equations:
 def _completed(
     unknowns: Unknowns, equations: Equations, values: FloatArray, margins: Sequence[float]
 ) -> FloatArray | None:
-    """Unknowns (k,) that give the base parameters, nearest to the nominal ones; None where there are none."""
+    """Return the unknowns (k,) nearest to the nominal ones that give the base parameters; None if there are none."""
     for margin in margins:
         try:
-            found = constrained_least_squares(
+            solution = constrained_least_squares(
                 np.eye(unknowns.size),
                 unknowns.nominal / unknowns.scale,
                 unknowns.matrices(0, np.full(len(unknowns.links), margin)),
@@ -115,26 +129,29 @@ def _completed(
             )
         except InfeasibleError:
             continue
-        moved = _moved_onto(unknowns, values[unknowns.base_rows], found.values * unknowns.scale)
+        # The solver meets the equations to its tolerance only. Project on them exactly, and check that the small move
+        # has not left the feasible set.
+        moved = _moved_onto(unknowns, values[unknowns.base_rows], solution.values * unknowns.scale)
         if np.all(unknowns.margins(moved) > _POSSIBLE) and np.all(moved[unknowns.rotor_places] >= 0):
             return moved
     return None
 
 
 def _moved_onto(unknowns: Unknowns, base: FloatArray, values: FloatArray) -> FloatArray:
-    """The unknowns moved by the least that makes them give the base parameters to the last digit."""
+    """Return the unknowns after the smallest move that makes them give the base parameters to the last digit."""
     grouping, rotors = unknowns.grouping[unknowns.base_rows], unknowns.rotor_places
-    # A rotor of nothing stays one.
+    # A rotor that is zero stays zero: the smallest move would make it slightly negative as likely as positive.
     none = rotors[values[rotors] < _NO_ROTOR * unknowns.scale[rotors]]
     weights, moved = unknowns.scale.copy(), values.copy()
     weights[none] = moved[none] = 0.0
+    # Minimum norm in units of each unknown's scale; the second pass removes the rounding of the first.
     for _ in range(2):
         moved += weights * np.linalg.lstsq(grouping * weights, base - grouping @ moved, rcond=1e-12)[0]
     return moved
 
 
 def _impossible(unknowns: Unknowns, equations: Equations) -> list[str]:
-    """Which links and rotors the base parameters leave no room for, in words."""
+    """Return texts on the links and rotors that the base parameters make impossible."""
     names = unknowns.model.robot.tree.joint_names
     words = [f"the link of {names[j]} (no mass that is positive everywhere has its moments)" for j in unknowns.links]
     words += [f"the rotor of {names[j]} (negative inertia)" for j in unknowns.rotors]
@@ -150,7 +167,7 @@ def _impossible(unknowns: Unknowns, equations: Equations) -> list[str]:
 
 
 def _least_violation(unknowns: Unknowns, equations: Equations, near: float) -> FloatArray:
-    """Margins of all links, then of all rotors, as near as can be to what is wanted: a problem that has a solution."""
+    """Return the margins of all links, then of all rotors, in the problem relaxed so that it has a solution."""
     n_links, n_rotors, size = len(unknowns.links), len(unknowns.rotors), unknowns.size
     # Unknowns, a margin a link, a margin a rotor: a rotor is its margin and something that is not negative.
     total = size + n_links + n_rotors
@@ -159,7 +176,7 @@ def _least_violation(unknowns: Unknowns, equations: Equations, near: float) -> F
     wide[:, size + n_links :] = equations.factor[:, unknowns.rotor_places]
     goal = np.eye(total)
     goal[:size] *= near
-    # Everything is homogeneous: numbers of about one keep the solver precise.
+    # The problem is homogeneous, so it may be scaled; numbers of about one keep the solver precise.
     shrink = 1.0 / max(1.0, float(np.abs(equations.right).max(initial=0.0)))
     right = np.zeros(total)
     right[:size] = near * shrink * unknowns.nominal / unknowns.scale
@@ -170,13 +187,13 @@ def _least_violation(unknowns: Unknowns, equations: Equations, near: float) -> F
 
 
 def _nearest(identification: Identification, rotors_in_links: bool, blamed: list[str]) -> Completion:
-    """What the feasible estimator makes of the same equations."""
+    """Return the completion of the feasible estimator's solution for the same data, with a note on the difference."""
     choices, data = identification.choices, identification.data.to_solve(identification.estimate.reference)
-    found = feasible(
+    fit = feasible(
         Problem(identification.model, data, identification.estimate.solution.known, choices.covariance, choices.trust)
     )
-    assert found.standard is not None
-    values = found.solution.values
+    assert fit.standard is not None
+    values = fit.solution.values
     before = errors(data.torque, identification.values).relative_total
     after = errors(data.torque, values).relative_total
     note = (
@@ -185,17 +202,17 @@ def _nearest(identification: Identification, rotors_in_links: bool, blamed: list
         f"{_torque_difference(identification, values)} (rms), and its relative error is {after:.2%} instead of "
         f"{before:.2%}."
     )
-    unknowns = Unknowns.of(identification.model, rotors_in_links=rotors_in_links, estimated=found.standard)
+    unknowns = Unknowns.of(identification.model, rotors_in_links=rotors_in_links, estimated=fit.standard)
     completed = _completed(unknowns, _equations(unknowns, values), values, _SMALL_MARGINS)
     if completed is None:
         unknowns = Unknowns.of(identification.model)
-        completed = found.standard.values[unknowns.columns]
+        completed = fit.standard.values[unknowns.columns]
     changed = _gathered(identification.model, unknowns, completed, values)
     return replace(changed, exact=False, notes=(note, *changed.notes))
 
 
 def _torque_difference(identification: Identification, values: FloatArray) -> str:
-    """Rms of W (values - χ) along the data, joint by joint, in words."""
+    """Return a text with the rms of W (values - χ) along the data for each joint."""
     change = values - identification.values
     words = []
     for joint, equation in zip(identification.model.robot.joints, identification.data.training.equations, strict=True):
@@ -206,7 +223,7 @@ def _torque_difference(identification: Identification, values: FloatArray) -> st
 
 
 def _driving_friction(estimate: Estimate) -> list[str]:
-    """Coulomb and viscous friction below zero, in words."""
+    """Return texts on negative Coulomb and viscous friction, which would drive the motion."""
     return [
         f"{column.name} of {column.link} (friction of {value:.3g}, which drives)"
         for column, value in zip(estimate.model.kept, estimate.values, strict=True)
@@ -214,17 +231,18 @@ def _driving_friction(estimate: Estimate) -> list[str]:
     ]
 
 
-def _gathered(model: Model, unknowns: Unknowns, found: FloatArray, values: FloatArray) -> Completion:
-    """Unknowns and base parameters as those of joints."""
-    inertias, rotors = unknowns.standard(found)
+def _gathered(model: Model, unknowns: Unknowns, completed: FloatArray, values: FloatArray) -> Completion:
+    """Return unknowns and base parameters sorted by joints, as a completion."""
+    inertias, rotors = unknowns.standard(completed)
     robot = model.robot.tree
     friction: dict[Role | None, FloatArray] = {role: np.zeros(robot.n) for role in _FRICTION}
-    own = values - unknowns.grouping @ found
-    for column, value in zip(model.kept, own, strict=True):
+    # What links and rotors do not explain of the base parameters are the parameters of other effects.
+    friction_values = values - unknowns.grouping @ completed
+    for column, value in zip(model.kept, friction_values, strict=True):
         role = role_of(column)
         if role in friction and not column.runs:
             friction[role][robot.joint_names.index(column.link)] += max(value, 0.0)
     coulomb, viscous = friction.values()
-    left = [joint for j, joint in enumerate(robot.joint_names) if j not in unknowns.links]
-    notes = (f"The model has no rigid body on {', '.join(left)}: these links have no inertia.",) if left else ()
+    missing = [joint for j, joint in enumerate(robot.joint_names) if j not in unknowns.links]
+    notes = (f"The model has no rigid body on {', '.join(missing)}: these links have no inertia.",) if missing else ()
     return Completion(inertias, np.maximum(rotors, 0.0), coulomb, viscous, values, True, notes)

@@ -1,4 +1,4 @@
-"""The identified model as JSON that holds all that its prediction needs, and is read back by `model_from_json`."""
+"""Write the identified model as JSON with everything that its prediction needs, and read it back."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TITLE = "Unreadable model"
 
 
 def model_document(identification: Identification) -> ModelDocument:
-    """JSON values of the identified model: what predicts, and what people and other programs read.
+    """Return JSON values of the identified model: what predicts, and what people and other programs read.
 
     `columns` are all standard parameters with their units; `grouping` has the weight of each in every base parameter
     (base parameter = Σ weight x standard parameter), zeros left out; `standard_parameters` are a feasible full
@@ -44,7 +44,8 @@ def model_document(identification: Identification) -> ModelDocument:
             {"name": joint.name, "kind": joint.kind, "effort_unit": joint.effort_unit} for joint in model.robot.joints
         ],
         "effects": [
-            {"effect": one.effect, "joints": one.joints, "shape": one.shape, "runs": one.runs} for one in model.effects
+            {"effect": choice.effect, "joints": choice.joints, "shape": choice.shape, "runs": choice.runs}
+            for choice in model.effects
         ],
         "tolerance": identification.choices.tolerance,
         "arguments": [
@@ -68,16 +69,18 @@ def model_document(identification: Identification) -> ModelDocument:
         ],
         "base_parameters": [
             {
-                "name": one.name,
-                "value": one.value,
-                "unit": one.unit,
-                "standard_deviation": one.standard_deviation if math.isfinite(one.standard_deviation) else None,
+                "name": parameter.name,
+                "value": parameter.value,
+                "unit": parameter.unit,
+                "standard_deviation": parameter.standard_deviation
+                if math.isfinite(parameter.standard_deviation)
+                else None,
                 "column": base.kept[k],
                 "grouping": {str(c): float(base.grouping[k, c]) for c in np.flatnonzero(base.grouping[k])},
                 "written": [int(c) for c in np.flatnonzero(base.written[k])],
-                "text": one.grouping,
+                "text": parameter.grouping,
             }
-            for k, one in enumerate(identification.parameters)
+            for k, parameter in enumerate(identification.parameters)
         ],
         "without_effect": list(base.without_effect),
         "rank": base.rank,
@@ -87,17 +90,26 @@ def model_document(identification: Identification) -> ModelDocument:
 
 
 def to_json(identification: Identification) -> str:
-    """Return the document of the identified model as JSON text."""
+    """Return the document of the identified model as JSON text; `model_from_json` reads it."""
     return json.dumps(model_document(identification), indent=1)
 
 
 def model_from_json(text: str) -> PredictingModel:
-    """Return the model of a document that `to_json` wrote, or that stands under "model" in a larger one.
+    """Return the model of a document that `to_json` wrote, or that is under "model" in a larger one.
+
+    Parameters
+    ----------
+    text : str
+        JSON text.
+
+    Returns
+    -------
+    PredictingModel
 
     Raises
     ------
     DynidentError
-        Where the text is something else.
+        If the text is something else.
     """
     document = parse_json(text, "", TITLE)
     if isinstance(document, Mapping) and "format" not in document:
@@ -116,33 +128,34 @@ def _model(document: Mapping[str, Any]) -> PredictingModel:
     robot = robot_from_document(document["robot"])
     effects = tuple(
         EffectChoice(
-            one["effect"],
-            tuple(one["joints"]),
-            tuple((str(name), float(value)) for name, value in one["shape"]),
-            tuple(one["runs"]),
+            choice["effect"],
+            tuple(choice["joints"]),
+            tuple((str(name), float(value)) for name, value in choice["shape"]),
+            tuple(choice["runs"]),
         )
-        for one in document["effects"]
+        for choice in document["effects"]
     )
     names = tuple(str(column["name"]) for column in document["columns"])
     parameters = document["base_parameters"]
     grouping = np.zeros((len(parameters), len(names)))
     written = np.zeros(grouping.shape, dtype=bool)
-    for k, one in enumerate(parameters):
-        for column, weight in one["grouping"].items():
+    for k, parameter in enumerate(parameters):
+        for column, weight in parameter["grouping"].items():
             grouping[k, int(column)] = float(weight)
-        written[k, one["written"]] = True
+        written[k, parameter["written"]] = True
     base = BaseParameters(
         names=names,
-        kept=tuple(int(one["column"]) for one in parameters),
+        kept=tuple(int(parameter["column"]) for parameter in parameters),
         grouping=grouping,
         written=written,
         without_effect=tuple(int(column) for column in document["without_effect"]),
         rank=int(document["rank"]),
     )
     model = build_model(robot, effects, tolerance=float(document["tolerance"]), base=base)
+    # The stored grouping counts columns by number. A catalogue with other columns would mix up the parameters.
     if tuple(column.name for column in model.columns) != names:
         raise DynidentError("the catalogue of this version has other columns for these effects", title=TITLE)
-    values = np.array([float(one["value"]) for one in parameters])
+    values = np.array([float(parameter["value"]) for parameter in parameters])
     if not len(values):
         raise ValueError("no base parameters")
     reference = ReferenceParameters.of_vector(np.array(document["reference"], dtype=float), robot)
@@ -150,18 +163,18 @@ def _model(document: Mapping[str, Any]) -> PredictingModel:
 
 
 def _standard(identification: Identification) -> dict[str, dict[str, float]] | None:
-    """A feasible full set of standard parameters, link by link; None where there is none."""
+    """Return a feasible full set of standard parameters by link; None if there is none."""
     try:
-        found = complete(identification)
+        completion = complete(identification)
     except DynidentError:
         return None
     robot = identification.model.robot.tree
     return {
         joint.name: {
-            **{name: float(value) for name, value in zip(INERTIAL_NAMES, found.inertias[j], strict=True)},
-            "Ia": float(found.rotors[j]),
-            "Fc": float(found.coulomb[j]),
-            "Fv": float(found.viscous[j]),
+            **{name: float(value) for name, value in zip(INERTIAL_NAMES, completion.inertias[j], strict=True)},
+            "Ia": float(completion.rotors[j]),
+            "Fc": float(completion.coulomb[j]),
+            "Fv": float(completion.viscous[j]),
         }
         for j, joint in enumerate(robot.joints)
     }

@@ -1,4 +1,4 @@
-"""What stands in the document of an identified model."""
+"""Fields of the JSON document of an identified model."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class EffectFields(TypedDict):
 
 
 class ArgumentFields(TypedDict):
-    """An argument of the torque's formula: how many numbers, and what they are, with their unit."""
+    """An argument of the torque's formula: the number of its entries, and their meaning with the unit."""
 
     name: str
     size: int
@@ -54,7 +54,7 @@ class ColumnFields(TypedDict):
 
 
 class ParameterFields(TypedDict):
-    """A base parameter: `column` is the one that it stands for, `grouping` the weight of each by its number."""
+    """A base parameter: `column` is its own column, `grouping` the weight of each column by number."""
 
     name: str
     value: float
@@ -67,7 +67,7 @@ class ParameterFields(TypedDict):
 
 
 class ModelDocument(TypedDict):
-    """The whole: `model_document` says what its parts are."""
+    """The whole document; `model_document` explains its fields."""
 
     format: str
     version: str

@@ -1,4 +1,4 @@
-"""One door for every format that an identified model can be written in."""
+"""Export an identified model in any of the formats."""
 
 from __future__ import annotations
 
@@ -29,7 +29,11 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
         json, c and casadi hold every effect; urdf and mjcf links, rotors, Coulomb and viscous friction (mjcf also
         springs), and what they leave out is in the file's `notes`.
     nearest : bool
-        For urdf and mjcf: where no bodies that can exist have the identified parameters, give the nearest that have.
+        For urdf and mjcf: if no bodies that can exist have the identified parameters, write the nearest that can.
+
+    Returns
+    -------
+    ExportedFile
 
     Raises
     ------
@@ -46,7 +50,7 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
 
 
 def _with_notes(file: ExportedFile, identification: Identification) -> ExportedFile:
-    """Add what holds of the model in every format."""
+    """Add the notes that apply to the model in every format."""
     joints = identification.model.robot.joints_without_torque
     if not joints:
         return file

@@ -1,4 +1,4 @@
-"""A model as a file for other programs."""
+"""Files for other programs, and the feasible links and joints that URDF and MJCF are written from."""
 
 from __future__ import annotations
 
@@ -18,13 +18,21 @@ from dynident.robot.model import Robot
 from dynident.robot.pinocchio_model import described_torque
 
 SMALL = 1e-9
-"""Share of the torque that is rounding."""
+"""Share of the torque up to which a difference counts as rounding."""
 _STATES = 25
 
 
 @dataclass(frozen=True)
 class ExportedFile:
-    """What was written: `name` of the file, `media_type`, and in `notes` what the format could not hold."""
+    """A file of an exported model.
+
+    Attributes
+    ----------
+    name, media_type : str
+    content : bytes
+    notes : tuple of str
+        What the format could not hold.
+    """
 
     name: str
     media_type: str
@@ -34,10 +42,17 @@ class ExportedFile:
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """Feasible links and joints of an identified model, as formats of links and joints take them.
+    """Feasible links and joints of an identified model, for formats that consist of links and joints.
 
-    `projected` is the model of those of its effects that the format can hold, which `standard` are the parameters of;
-    `held` are the roles of the parameters that the format has words for.
+    Attributes
+    ----------
+    identification : Identification
+    projected : Identification
+        The model with only those effects that the format can hold, fitted to the data again.
+    standard : Completion
+        Standard parameters of the projected model.
+    held : tuple of Role
+        Roles of the parameters that the format has words for.
     """
 
     identification: Identification
@@ -49,7 +64,10 @@ class Links:
     def of(
         cls, identification: Identification, held: tuple[Role, ...], *, nearest: bool, rotors_in_links: bool = False
     ) -> Links:
-        """Those of a model; raises as `complete` does, unless bodies that can exist predict as well."""
+        """Return the links and joints of a model.
+
+        It raises an error as `complete` does, unless the nearest feasible bodies predict as well or `nearest` is set.
+        """
         projected = project(identification, held)
         try:
             standard = complete(projected, rotors_in_links=rotors_in_links)
@@ -67,11 +85,11 @@ class Links:
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """What a user must know: parameters that were changed, effects that are left out, rounded geometry."""
-        kept = choices_held(self.identification, self.held)
+        choices_in_file = choices_held(self.identification, self.held)
         left_out = [
             f"{effect_by_id(choice.effect).title} is not in this file, which has no word for it: {effect_line(choice)}."
             for choice in self.identification.choices.effects
-            if choice not in kept
+            if choice not in choices_in_file
         ]
         if left_out:
             left_out.append("What the file can hold was fitted to the data again without them.")
@@ -89,6 +107,8 @@ class Links:
         """Largest difference of the links' and rotors' torque from that of the base parameters, over its size."""
         model = self.projected.model
         observation, robot = model.observation, model.robot
+        # Compare at random states by an independent path: Newton and Euler with the completed links on one side, the
+        # observation matrix times the base parameters on the other.
         rng = np.random.default_rng(0)
         q, dq, ddq = (rng.uniform(-size, size, (_STATES, robot.n)) for size in (1.0, 1.0, 3.0))
         if robot.linkage is not None and robot.linkage.closure is not None:
@@ -98,15 +118,15 @@ class Links:
         entries = observation.evaluate(q, dq, ddq, reference=nothing, memory=memory)
         inertial = np.array([effect_by_id(column.effect).is_inertia for column in observation.columns])
         expected = observation.torque(entries, np.where(inertial, self.standard.values, 0.0))
-        found = rigid_torque(robot, self.standard.inertias, q, dq, ddq, self.standard.rotors)
+        torque = rigid_torque(robot, self.standard.inertias, q, dq, ddq, self.standard.rotors)
         size = float(np.abs(expected).max(initial=0.0)) or 1.0
-        return float(np.abs(found - expected).max(initial=0.0)) / size
+        return float(np.abs(torque - expected).max(initial=0.0)) / size
 
 
 def rigid_torque(
     robot: Robot, inertias: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, rotors: FloatArray
 ) -> FloatArray:
-    """(m, n): torque that links with these inertias (N, 10) and rotors (N,) need, by Newton's and Euler's recursion."""
+    """Return the torque (m, n) that links with inertias (N, 10) and rotors (N,) need, by Newton and Euler."""
     if robot.linkage is None:
         return np.asarray(described_torque(replace(robot, inertias=inertias), q, dq, ddq, rotors))
     tree = replace(robot.linkage.tree, inertias=inertias)

@@ -1,4 +1,4 @@
-"""The torque of an identified model as one expression of the motion: what every program that is exported computes."""
+"""The torque of an identified model as one expression of the motion, which all exported programs compute."""
 
 from __future__ import annotations
 
@@ -31,10 +31,17 @@ class Argument:
 class TorqueFormula:
     """Γ = W χ of [12.4] with the identified χ, as a function of `arguments`.
 
+    Attributes
+    ----------
+    robot : Robot
+    arguments : tuple of Argument
     torque : SX (n, 1)
-    memory : hysteresis states that the model carries from sample to sample, in the order of `z`
-    runs : run signals, in the order of the argument `runs`
-    z_next : SX (number of memory signals, 1), the states after the step from `q_before` to `q`
+    memory : tuple of MemorySignal
+        Hysteresis states that the model carries from sample to sample, in the order of `z`.
+    runs : tuple of RunSignal
+        In the order of the argument `runs`.
+    z_next : SX (number of memory signals, 1)
+        The states after the step from `q_before` to `q`.
     """
 
     robot: Robot
@@ -51,10 +58,10 @@ class TorqueFormula:
 
 
 def torque_formula(estimate: Estimate) -> TorqueFormula:
-    """Return the torque that an identified model predicts, with every constant in it.
+    """Return the torque that an identified model predicts, with all constants as numbers.
 
     q, dq and ddq are always among the arguments; dddq, ddddq, time, period, temperature, runs, and z with q_before only
-    where an effect of the model needs them.
+    if an effect of the model needs them.
     """
     model = estimate.model
     signals, observation = model.signals, model.observation
@@ -63,6 +70,8 @@ def torque_formula(estimate: Estimate) -> TorqueFormula:
         torque += column.torque * float(value)
     reference = estimate.reference.vector
     torque = ca.substitute(ca.densify(torque), signals.reference, ca.SX(ca.DM(reference)))
+    # The model's columns contain the state at the sample itself; the exported formula computes it from the state and
+    # the position of the sample before.
     states = [signals.memory(item) for item in observation.memory]
     arguments = _motion(signals, torque)
     z_next = ca.SX(0, 1)
@@ -84,14 +93,16 @@ def torque_formula(estimate: Estimate) -> TorqueFormula:
 
 
 def run_meaning(runs: tuple[RunSignal, ...]) -> str:
-    """What the entries of the argument `runs` stand for, in words."""
-    kinds = [f"those like {', '.join(one.runs)}" if one.runs else "those that carry the payload" for one in runs]
+    """Return a text on the meaning of the entries of the argument `runs`."""
+    kinds = [
+        f"those like {', '.join(signal.runs)}" if signal.runs else "those that carry the payload" for signal in runs
+    ]
     return "1 in runs of a kind, 0 in others: " + "; ".join(kinds)
 
 
 def _motion(signals: Signals, torque: ca.SX) -> list[Argument]:
-    """The signals that the torque depends on; position, velocity and acceleration in any case."""
-    known = (
+    """Return the signals that the torque depends on, and position, velocity and acceleration in any case."""
+    candidates = (
         Argument("q", signals.q, "joint positions, rad or m"),
         Argument("dq", signals.dq, "joint velocities, rad/s or m/s"),
         Argument("ddq", signals.ddq, "joint accelerations, rad/s^2 or m/s^2"),
@@ -101,4 +112,8 @@ def _motion(signals: Signals, torque: ca.SX) -> list[Argument]:
         Argument("period", signals.period, "sampling period, s"),
         Argument("temperature", signals.temperature, "temperature of each joint, degrees Celsius"),
     )
-    return [one for one in known if one.name in ("q", "dq", "ddq") or ca.depends_on(torque, one.symbol)]
+    return [
+        argument
+        for argument in candidates
+        if argument.name in ("q", "dq", "ddq") or ca.depends_on(torque, argument.symbol)
+    ]

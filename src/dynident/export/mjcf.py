@@ -1,7 +1,7 @@
-"""The identified model as MJCF, the format of MuJoCo.
+"""Write the identified model as MJCF, the format of MuJoCo.
 
-Friction is MuJoCo's `frictionloss`, a soft constraint: what stands here makes it follow sign(q̇) wherever the speed is
-above a thousandth of a second times the acceleration.
+Friction is MuJoCo's `frictionloss`, a soft constraint. The solver parameters here make it follow sign(q̇) wherever the
+speed is above a thousandth of a second times the acceleration.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from dynident.robot.xml_text import Element, number_text, write
 HELD: tuple[Role, ...] = ("link", "rotor", "dry", "damping", "stiffness", "at_zero")
 """Roles of the parameters that the format has words for."""
 TIMESTEP = 0.001
-"""s."""
-# The stiffest friction that MuJoCo takes: two steps' time constant.
+"""Time step of the simulation in s."""
+# The stiffest friction that MuJoCo accepts has a time constant of two steps.
 _FRICTION_SOLVER = {"solreffriction": f"{2 * TIMESTEP} 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}
 _SHORTEST_DRAWN, _THICK = 0.01, 0.08
 
@@ -35,16 +35,27 @@ _SHORTEST_DRAWN, _THICK = 0.01, 0.08
 def to_mjcf(identification: Identification, *, nearest: bool = False) -> ExportedFile:
     """Return the identified model as MJCF.
 
+    Parameters
+    ----------
+    identification : Identification
+    nearest : bool
+        If no bodies that can exist have the identified parameters, write the nearest that can.
+
+    Returns
+    -------
+    ExportedFile
+
     Raises
     ------
     DynidentError
-        As `complete` does; or a link has no inertia in the model, or a spring pushes away from rest.
+        As `complete` does; or if a link has no inertia in the model, or a spring pushes away from rest.
     """
     links = Links.of(identification, HELD, nearest=nearest)
     if links.rounding > SMALL:
-        # Rounded geometry groups a rotor with its link nearly, not exactly.
+        # Where right angles are rounded in the description, a rotor is grouped with its link only nearly. The export
+        # with the rotor's inertia in the links may then be the more exact one.
         merged = Links.of(identification, HELD, nearest=nearest, rotors_in_links=True)
-        links = min(links, merged, key=lambda one: one.rounding)
+        links = min(links, merged, key=lambda candidate: candidate.rounding)
     robot = links.robot
     springs = _springs(links)
     tree = robot.tree
@@ -123,7 +134,7 @@ def _inertial(inertial: FloatArray) -> Element:
 
 
 def _drawn(end: FloatArray) -> Element:
-    """A rod to the next joint, to be seen and nothing else."""
+    """Return a rod to the next joint, for the picture only: it has no mass and no contacts."""
     attributes = {
         "type": "capsule",
         "fromto": number_text(0.0, 0.0, 0.0, *end),
@@ -135,7 +146,7 @@ def _drawn(end: FloatArray) -> Element:
 
 
 def _motors(links: Links) -> Element:
-    """A motor a joint, whose control is the torque; limited where the effort is."""
+    """Return one motor a joint whose control is the torque, limited if the joint's effort is."""
     actuator = Element("actuator", {}, 0)
     for joint in links.robot.joints:
         attributes = {"name": joint.name, "joint": joint.name}
@@ -146,14 +157,14 @@ def _motors(links: Links) -> Element:
 
 
 def _springs(links: Links) -> dict[str, tuple[float, float]]:
-    """Stiffness and position of rest of the joints that have a spring."""
-    found: dict[str, dict[Role | None, float]] = {}
+    """Return the stiffness and rest position of the joints that have a spring."""
+    spring_parameters: dict[str, dict[Role | None, float]] = {}
     for column, value in zip(links.projected.model.kept, links.standard.values, strict=True):
         role = role_of(column)
         if role in ("stiffness", "at_zero") and not column.runs:
-            found.setdefault(column.link, {})[role] = float(value)
+            spring_parameters.setdefault(column.link, {})[role] = float(value)
     springs = {}
-    for joint, spring in found.items():
+    for joint, spring in spring_parameters.items():
         stiffness = spring.get("stiffness", 0.0)
         if stiffness <= 0:
             raise DynidentError(

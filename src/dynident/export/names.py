@@ -1,4 +1,4 @@
-"""Names for files and programs that come from a user's name of a robot, and text that is safe inside comments."""
+"""Names for files and programs from a robot's name, and text that is safe inside comments."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ _LONGEST = 40
 
 
 def slug(name: str) -> str:
-    """The name in the letters that file names and identifiers share: lower case, digits, underscores."""
+    """Return the name in characters for file names and identifiers: lower case letters, digits, underscores."""
     words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")[:_LONGEST].strip("_")
     return words or "robot"
 
 
 def in_c_comment(text: str) -> str:
-    """Text that neither ends a C comment nor begins another, and holds no trigraph nor unprintable character."""
+    """Return text that is safe in a C comment: no comment marks, trigraphs or unprintable characters."""
+    # Repeat until none is left: a blank between two characters can leave a new pair, as in "**//".
     for pair in ("*/", "/*", "??"):
         while pair in text:
             text = text.replace(pair, " ".join(pair))
@@ -22,12 +23,12 @@ def in_c_comment(text: str) -> str:
 
 
 def in_xml_comment(text: str) -> str:
-    """Text that may stand in an XML comment."""
+    """Return text that may stand in an XML comment."""
     while "--" in text:
         text = text.replace("--", "- -")
     return printable(text).rstrip("-")
 
 
 def printable(text: str) -> str:
-    """The text with a blank for every character that cannot be seen."""
+    """Return the text with a blank for every character that cannot be seen."""
     return "".join(character if character.isprintable() else " " for character in text)

@@ -1,4 +1,4 @@
-"""A model that predicts torque, along a whole motion or step by step."""
+"""Prediction of torque by an identified model, along a whole motion or step by step."""
 
 from __future__ import annotations
 
@@ -17,12 +17,22 @@ from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
 
 FAR = 1e6
-"""Slip distances after which any hysteresis slides steadily: what is left of its start is exp(-FAR)."""
+"""Number of slip distances after which any hysteresis slides steadily: its start has faded by exp(-FAR)."""
 
 
 @dataclass(frozen=True, eq=False)
 class PredictingModel:
-    """All that predicts torque: robot, effects, base parameters `values` (b,), and `reference` for predicted loads."""
+    """A model that predicts torque.
+
+    Attributes
+    ----------
+    model : Model
+        Robot and effects.
+    values : ndarray (b,)
+        Base parameters.
+    reference : ReferenceParameters
+        Parameters for the predicted loads that effects depend on.
+    """
 
     model: Model
     values: FloatArray
@@ -30,7 +40,7 @@ class PredictingModel:
 
     @classmethod
     def of(cls, identification: Identification) -> PredictingModel:
-        """Take what predicts from an identified model."""
+        """Return the predicting part of an identified model."""
         return cls(identification.model, identification.values, identification.estimate.reference)
 
     @property
@@ -59,10 +69,10 @@ class PredictingModel:
         q, dq, ddq : (m, n)
             rad, rad/s, rad/s² of revolute joints; m, m/s, m/s² of prismatic ones.
         sliding : bool
-            Take every sample by itself, with joints that have moved on in the direction of their velocity for long:
-            what hysteresis leaves in steady motion.
+            Predict every sample by itself, as if its joints had long moved in the direction of their velocity: the
+            steady state of hysteresis.
         further : FurtherSignals, optional
-            Higher derivatives, time, temperature, run; `torque_formula` says what a model needs.
+            Higher derivatives, time, temperature, run; `torque_formula` tells which of them a model needs.
 
         Returns
         -------
@@ -87,7 +97,7 @@ class PredictingModel:
         return self.predictor().torque(q, dq, ddq, further=further)
 
     def predictor(self) -> TorquePredictor:
-        """Return a predictor for a motion that comes step by step; it remembers the path."""
+        """Return a predictor for a motion that comes step by step; it carries the hysteresis along."""
         return TorquePredictor(self)
 
     def _torque(
@@ -97,7 +107,7 @@ class PredictingModel:
         return self.observation.torque(entries, self.values)
 
     def _sliding_states(self, dq: FloatArray) -> FloatArray:
-        """(m, number of hysteresis signals): the states of joints that move on as they do."""
+        """Return the steady states (m, number of hysteresis signals) of joints that keep on moving."""
         states = np.zeros((len(dq), self.observation.n_memory))
         for k, signal in enumerate(self.observation.memory):
             moved = FAR * np.sign(dq[:, signal.joint])
@@ -106,10 +116,10 @@ class PredictingModel:
 
 
 class TorquePredictor:
-    """Predicts torque along one motion that comes step by step, as a controller has it.
+    """Predictor of torque along one motion that comes step by step, as in a controller.
 
-    Hysteresis depends on the path: the predictor carries it from call to call. In whatever pieces a motion comes, the
-    torque is that of the whole.
+    Hysteresis depends on the path, so the predictor carries its state from call to call. The torque does not depend on
+    the pieces in which a motion comes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is asked of an export."""
+"""Request for an export: format and options."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ENDINGS: dict[str, ExportFormat] = {
     ".c": "c",
     ".casadi": "casadi",
 }
-"""What a file of such a name is to hold."""
+"""Format of a file by the ending of its name."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What an exported file says about the model in it, for whoever opens it."""
+"""Texts about the model for the head of an exported file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SIGNS = (
 
 @dataclass(frozen=True)
 class JointLine:
-    """One joint for people: number from 1, name, kind, and the unit of its torque."""
+    """One joint in a list for people: number from 1, name, kind, unit of its torque."""
 
     number: int
     name: str
@@ -26,18 +26,18 @@ class JointLine:
 
 
 def joint_lines(identification: Identification) -> list[JointLine]:
-    """The joints in the order of every array."""
+    """Return the joints in the order of every array."""
     joints = identification.model.robot.joints
     return [JointLine(k + 1, joint.name, joint.kind, joint.effort_unit) for k, joint in enumerate(joints)]
 
 
 def origin() -> str:
-    """What wrote the file."""
+    """Return the program and version that wrote the file."""
     return f"written by dynident {__version__}"
 
 
 def identification_lines(identification: Identification) -> list[str]:
-    """How the model came about and how good it is, a sentence each."""
+    """Return lines on the data, methods, error, effects and warnings of a model."""
     choices = identification.choices
     lines = [
         f"Robot: {identification.model.robot.name}",
@@ -52,7 +52,7 @@ def identification_lines(identification: Identification) -> list[str]:
 
 
 def effect_line(choice: EffectChoice) -> str:
-    """An effect with its joints, shape constants and runs: "stribeck on joint2 (vs = 0.05)"."""
+    """Return an effect with its joints, shape constants and runs: "stribeck on joint2 (vs = 0.05)"."""
     where = f" on {', '.join(choice.joints)}" if choice.joints else ""
     constants = ", ".join(constant_in_words(choice.effect, name, value) for name, value in choice.shape)
     runs = f" in {', '.join(choice.runs)}" if choice.runs else ""

@@ -1,4 +1,4 @@
-"""Joints that follow others, and closed loops, in the words of MuJoCo."""
+"""Write joints that follow others, and closed loops, as elements of MJCF."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from dynident.robot.linkage import Linkage
 from dynident.robot.model import Robot
 from dynident.robot.xml_text import Element, number_text
 
-# As hard as a constraint is to be had, so that it hardly gives: two steps' time constant.
+# The hardest constraint that MuJoCo solves has a time constant of two steps.
 _HARD = {"solref": "0.002 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
 
 
 def held_together(robot: Robot, world: Element, bodies: Sequence[Element]) -> list[Element]:
-    """What a machine's `<mujoco>` has beside its bodies; nothing for a tree.
+    """Return the elements of `<mujoco>` that hold dependent joints together; none for a tree.
 
-    Fixed tendons hold tied joints together. Where loops are cut, sites are put on the two `bodies` (of the tree's
-    joints, or the `world`), and are connected, or welded where the frames coincide wholly.
+    Fixed tendons hold tied joints together. Where loops are cut, sites are added to the two `bodies` (those of the
+    tree's joints, or the `world`) and connected, or welded if the whole frames coincide.
     """
     linkage = robot.linkage
     if linkage is None:
@@ -51,7 +51,7 @@ def held_together(robot: Robot, world: Element, bodies: Sequence[Element]) -> li
 
 
 def _key_frame(linkage: Linkage, world: Element) -> Element:
-    """The posture in which the description's loops are closed: MuJoCo starts at q = 0, where they may be open."""
+    """Return a key frame with closed loops: MuJoCo starts at q = 0, where they may be open."""
     frames = Element("keyframe", {}, 0)
     if linkage.closure is not None:
         q = linkage.ratios @ linkage.closure.check() + linkage.offsets
@@ -61,7 +61,7 @@ def _key_frame(linkage: Linkage, world: Element) -> Element:
 
 
 def _joints_in(element: Element) -> Iterator[str]:
-    """Names of joints in the order of MuJoCo's coordinates."""
+    """Yield the names of joints in the order of MuJoCo's coordinates: depth first."""
     for child in element.children:
         if child.tag == "joint":
             yield child.attributes["name"]

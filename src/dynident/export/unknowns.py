@@ -1,4 +1,4 @@
-"""The links and rotors of a model as unknowns of a semidefinite problem."""
+"""Standard parameters of links and rotors as the unknowns of a semidefinite problem."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS
 from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
 
 _TEN = len(INERTIAL_NAMES)
-# Radius of gyration of a link of which nothing is known, over its size.
+# Radius of gyration, over its size, of a link for which the description has no mass.
 _GYRATION = 0.5
 
 
@@ -26,9 +26,15 @@ _GYRATION = 0.5
 class Unknowns:
     """Standard parameters of links and rotors among a model's columns.
 
-    links, rotors : joints (indices) whose link, whose rotor is an unknown
-    columns (k,) : the unknowns among `model.columns`: ten a link, then one a rotor
-    scale, nominal (k,) : usual error of the description, and what it says
+    Attributes
+    ----------
+    model : Model
+    links, rotors : tuple of int
+        Indices of the joints whose link, or whose rotor, is an unknown.
+    columns : ndarray (k,)
+        Indices of the unknowns among `model.columns`: ten a link, then one a rotor.
+    scale, nominal : ndarray (k,)
+        Usual error of the description, and its values.
     """
 
     model: Model
@@ -42,15 +48,20 @@ class Unknowns:
     def of(
         cls, model: Model, *, rotors_in_links: bool = False, estimated: StandardParameters | None = None
     ) -> Unknowns:
-        """The unknowns of a model.
+        """Return the unknowns of a model.
 
-        `rotors_in_links`: a rotor whose inertia is grouped with that of links is none, so that the links have it all.
-        `estimated`: what is near, instead of the description.
+        Parameters
+        ----------
+        model : Model
+        rotors_in_links : bool
+            Leave out rotors whose inertia is grouped with that of links, so that the links have it all.
+        estimated : StandardParameters, optional
+            Nominal values instead of the description's.
 
         Raises
         ------
         DynidentError
-            Where the model has no rigid body.
+            If the model has no rigid body.
         """
         joints = model.robot.tree.joint_names
         rigid = [k for k, column in enumerate(model.columns) if role_of(column) == "link" and not column.runs]
@@ -61,11 +72,11 @@ class Unknowns:
                 pointer="/format",
                 title="No links in the model",
             )
-        kept = set(model.base.kept)
+        base_columns = set(model.base.kept)
         spinning = [
             k
             for k, column in enumerate(model.columns)
-            if role_of(column) == "rotor" and not column.runs and (k in kept or not rotors_in_links)
+            if role_of(column) == "rotor" and not column.runs and (k in base_columns or not rotors_in_links)
         ]
         links = tuple(joints.index(model.columns[k].link) for k in rigid[::_TEN])
         rotors = tuple(joints.index(model.columns[k].link) for k in spinning)
@@ -99,15 +110,15 @@ class Unknowns:
         return np.asarray(self.model.base.grouping[:, self.columns])
 
     def matrices(self, extra: int, slack: FloatArray) -> list[MatrixBound]:
-        """Pseudo-inertias of all links, scaled, less `slack` (l,) times one, as bounds on (unknowns / scale, extras).
+        """Return bounds on (unknowns / scale, extras): scaled pseudo-inertia of each link ≥ `slack` (l,) times one.
 
-        Where there are `extra` variables behind the unknowns, the first l of them are slacks that come off as well.
+        Where there are `extra` variables after the unknowns, the first l of them are slacks that are subtracted too.
         """
         bounds = []
         for place, least in enumerate(slack):
-            own = slice(_TEN * place, _TEN * (place + 1))
-            columns = np.arange(own.start, own.stop)
-            parts = self._shrunk(place) * self.scale[own][:, None, None]
+            link_places = slice(_TEN * place, _TEN * (place + 1))
+            columns = np.arange(link_places.start, link_places.stop)
+            parts = self._shrunk(place) * self.scale[link_places][:, None, None]
             if extra:
                 columns = np.append(columns, self.size + place)
                 parts = np.concatenate([parts, -np.eye(4)[None]])
@@ -115,20 +126,21 @@ class Unknowns:
         return bounds
 
     def margins(self, unknowns: FloatArray) -> FloatArray:
-        """(l,): smallest eigenvalue of the scaled pseudo-inertia of every link, which `slack` of `matrices` bounds."""
+        """Return the smallest eigenvalue (l,) of each link's scaled pseudo-inertia, which `matrices` bounds."""
         none = np.zeros(len(self.links))
         scaled = unknowns / self.scale
         return np.array([np.linalg.eigvalsh(bound.at(scaled))[0] for bound in self.matrices(0, none)])
 
     def _shrunk(self, place: int) -> FloatArray:
-        """(10, 4, 4): pseudo-inertias of one of each parameter, in units of the link's usual mass and size."""
+        """Return the pseudo-inertias (10, 4, 4) of unit parameters, in units of the link's usual mass and size."""
         of_link = self.scale[_TEN * place : _TEN * (place + 1)]
+        # Without units, eigenvalues of links of all sizes can be compared, and the solver sees numbers of about one.
         mass, length = of_link[9], np.sqrt(of_link[0] / of_link[9])
         shrink = np.array([1 / length] * 3 + [1.0]) / np.sqrt(mass)
         return np.asarray(PSEUDO_INERTIA_PARTS * shrink[:, None] * shrink)
 
     def standard(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Inertias (n, 10) of all links and inertias (n,) of all rotors; zero where the model has none."""
+        """Return the inertias (n, 10) of all links and (n,) of all rotors; zero where the model has none."""
         n = self.model.robot.tree.n
         inertias, rotors = np.zeros((n, _TEN)), np.zeros(n)
         inertias[list(self.links)] = unknowns[: _TEN * len(self.links)].reshape(-1, _TEN)
@@ -137,10 +149,10 @@ class Unknowns:
 
 
 def _described(model: Model, doubt: FloatArray) -> FloatArray:
-    """(n, 10): inertias of the description; a ball about the joint's origin for a link where it says nothing."""
-    stated = np.zeros_like(doubt) if model.robot.inertias is None else model.robot.inertias.copy()
-    for link in np.flatnonzero(stated[:, 9] <= 0):
-        stated[link] = 0.0
-        stated[link, 9] = doubt[link, 9]
-        stated[link, [0, 3, 5]] = _GYRATION**2 * doubt[link, 0]
-    return stated
+    """Return inertias (n, 10) of the description, and a ball about the joint's origin for links without mass."""
+    inertias = np.zeros_like(doubt) if model.robot.inertias is None else model.robot.inertias.copy()
+    for link in np.flatnonzero(inertias[:, 9] <= 0):
+        inertias[link] = 0.0
+        inertias[link, 9] = doubt[link, 9]
+        inertias[link, [0, 3, 5]] = _GYRATION**2 * doubt[link, 0]
+    return inertias

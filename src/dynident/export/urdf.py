@@ -1,8 +1,8 @@
-"""The identified model as URDF: the user's own file with the inertias and the friction of its joints replaced.
+"""Write the identified model as URDF: the user's own file with inertias and friction replaced.
 
 Meshes, colours, transmissions, comments and vendor extensions stay. Links that are fixed to a moving link have no
-inertia of their own afterwards: what was identified is that of all of them together, and it stands on the link that
-moves. Joints that were locked during the identification become fixed where they were locked.
+inertia of their own afterwards: only the inertia of all of them together was identified, and the moving link has it.
+Joints that were locked during the identification become fixed joints at the positions where they were locked.
 """
 
 from __future__ import annotations
@@ -28,12 +28,22 @@ from dynident.robot.xml_text import Element, number_text, write
 HELD: tuple[Role, ...] = ("link", "rotor", "dry", "damping")
 """Roles of the parameters that the format has words for."""
 ROTOR_TAG = "dynident_rotor"
-"""Child of a `<joint>` whose attribute `inertia` is the rotor's, seen at the joint: URDF has no word for it."""
+"""Child of a `<joint>` whose attribute `inertia` is the rotor's, seen at the joint; URDF itself has no such element."""
 _ONLY_WHERE_MOVING = ("axis", "limit", "mimic", "dynamics", "safety_controller", "calibration")
 
 
 def to_urdf(identification: Identification, *, nearest: bool = False) -> ExportedFile:
     """Return the identified model as URDF.
+
+    Parameters
+    ----------
+    identification : Identification
+    nearest : bool
+        If no bodies that can exist have the identified parameters, write the nearest that can.
+
+    Returns
+    -------
+    ExportedFile
 
     Raises
     ------
@@ -80,9 +90,10 @@ def _notes(links: Links) -> list[str]:
 
 
 class _Tree:
-    """A URDF that is changed in place; what nobody touches stays as it was written."""
+    """A URDF that is edited in place; everything else stays as it was written."""
 
     def __init__(self, text: str, locked: Mapping[str, float]) -> None:
+        # The text is decoded already: its declaration may name another encoding, and would mislead the parser.
         declared = re.sub(r"^\ufeff?\s*<\?xml[^>]*\?>", "", text)
         self._document = minidom.parseString(declared.strip().encode(errors="replace"))
         self._root = _root_of(self._document)
@@ -91,31 +102,31 @@ class _Tree:
         self._locked = {name: value for name, value in locked.items() if name in self._joints}
 
     def child_of(self, joint: str) -> str:
-        """The link that a joint moves."""
+        """Return the link that a joint moves."""
         return self._end(self._joints[joint], "child")
 
     def fixed_to(self, link: str) -> list[str]:
-        """Links that move with a link as one body, itself not among them."""
-        found: list[str] = []
+        """Return the links that move with a link as one body, without the link itself."""
+        links: list[str] = []
         for joint in self._joints.values():
             rigid = joint.getAttribute("type") == "fixed" or joint.getAttribute("name") in self._locked
             if rigid and self._end(joint, "parent") == link:
                 child = self._end(joint, "child")
-                found += [child, *self.fixed_to(child)]
-        return found
+                links += [child, *self.fixed_to(child)]
+        return links
 
     def set_inertial(self, link: str, inertial: Element | None) -> None:
-        """Replace the inertia of a link, or take it away."""
+        """Replace the inertia of a link, or remove it."""
         self._remove(self._links[link], ("inertial",))
         if inertial is not None:
             self._add(self._links[link], inertial)
 
     def set_drive(self, joint: str, damping: float, friction: float, rotor: float) -> None:
-        """Set the friction of a joint, and its rotor's inertia where it has any."""
+        """Set the friction of a joint, and its rotor's inertia if it has any."""
         element = self._joints[joint]
         self._remove(element, (ROTOR_TAG,))
-        given = self._children(element, "dynamics")
-        attributes = dict(given[0].attributes.items()) if given else {}
+        dynamics = self._children(element, "dynamics")
+        attributes = dict(dynamics[0].attributes.items()) if dynamics else {}
         self._remove(element, ("dynamics",))
         attributes |= {"damping": number_text(damping), "friction": number_text(friction)}
         self._add(element, Element("dynamics", attributes, 0))
@@ -138,14 +149,14 @@ class _Tree:
             self._add(joint, Element("origin", place, 0))
 
     def comment(self, lines: Iterable[str]) -> None:
-        """Put lines at the head of the robot."""
+        """Insert lines as a comment at the head of the robot."""
         text = "\n".join(f"    {in_xml_comment(line)}" for line in lines)
         first = self._root.firstChild
         self._root.insertBefore(self._document.createTextNode("\n  "), first)
         self._root.insertBefore(self._document.createComment(f"\n{text}\n  "), first)
 
     def text(self) -> str:
-        """The file."""
+        """Return the text of the file."""
         head = "".join(node.toxml() + "\n" for node in self._document.childNodes if node is not self._root)
         return f'<?xml version="1.0"?>\n{head}{self._root.toxml()}\n'
 
@@ -159,13 +170,14 @@ class _Tree:
     def _remove(self, element: minidom.Element, tags: tuple[str, ...]) -> None:
         for tag in tags:
             for node in self._children(element, tag):
+                # Remove the line break and indentation before the element, too.
                 before = node.previousSibling
                 if before is not None and before.nodeType == before.TEXT_NODE and not before.data.strip():
                     element.removeChild(before)
                 element.removeChild(node)
 
     def _add(self, element: minidom.Element, new: Element) -> None:
-        """Put an element first in a link or joint."""
+        """Insert an element as the first child of a link or joint."""
         indented = write(new, indent=True, depth=2).strip()
         node = self._document.importNode(_root_of(minidom.parseString(indented)), True)
         if not element.childNodes:
@@ -175,19 +187,19 @@ class _Tree:
         element.insertBefore(node, first)
 
     def _placement(self, joint: minidom.Element) -> pin.SE3:
-        given = self._children(joint, "origin")
-        if not given:
+        origins = self._children(joint, "origin")
+        if not origins:
             return pin.SE3.Identity()
-        translation = _numbers(given[0].getAttribute("xyz") or "0 0 0")
-        if given[0].hasAttribute("quat_xyzw"):
-            rotation = pin.Quaternion(_numbers(given[0].getAttribute("quat_xyzw"))).matrix()
+        translation = _numbers(origins[0].getAttribute("xyz") or "0 0 0")
+        if origins[0].hasAttribute("quat_xyzw"):
+            rotation = pin.Quaternion(_numbers(origins[0].getAttribute("quat_xyzw"))).matrix()
         else:
-            rotation = pin.rpy.rpyToMatrix(_numbers(given[0].getAttribute("rpy") or "0 0 0"))
+            rotation = pin.rpy.rpyToMatrix(_numbers(origins[0].getAttribute("rpy") or "0 0 0"))
         return pin.SE3(rotation, translation)
 
     def _motion(self, joint: minidom.Element, value: float) -> pin.SE3:
-        given = self._children(joint, "axis")
-        axis = _numbers(given[0].getAttribute("xyz")) if given else np.array([1.0, 0.0, 0.0])
+        axes = self._children(joint, "axis")
+        axis = _numbers(axes[0].getAttribute("xyz")) if axes else np.array([1.0, 0.0, 0.0])
         axis = axis / np.linalg.norm(axis)
         if joint.getAttribute("type") == "prismatic":
             return pin.SE3(np.eye(3), value * axis)

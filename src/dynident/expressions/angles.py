@@ -1,4 +1,4 @@
-"""Sines and cosines of an angle as expressions of their own, where they are known before the angle is."""
+"""Sines and cosines of angles as separate expressions, where they are known before the angle is."""
 
 from __future__ import annotations
 
@@ -15,7 +15,13 @@ _SMALL, _ROUNDING = 0.25, 1e-17
 
 @dataclass(frozen=True, eq=False)
 class Turns:
-    """Coordinates with their cosines and sines, SX (k, 1) each; of what is no angle nobody asks for the last two."""
+    """Joint coordinates together with their cosines and sines.
+
+    Attributes
+    ----------
+    angles, cosines, sines : SX (k, 1)
+        Of prismatic joints nothing reads the last two.
+    """
 
     angles: ca.SX
     cosines: ca.SX
@@ -23,12 +29,13 @@ class Turns:
 
     @classmethod
     def of(cls, angles: ca.SX) -> Turns:
-        """Of angles whose sines and cosines have to be computed."""
+        """Return angles with sines and cosines that have to be computed."""
         return cls(angles, ca.cos(angles), ca.sin(angles))
 
     @classmethod
     def of_half(cls, tangents: ca.SX, middle: float) -> Turns:
-        """Of angles by the tangents SX (k, 1) of half of what they are away from a middle."""
+        """Return the angles whose half distances from `middle` (rad) have these tangents SX (k, 1)."""
+        # With t = tan(x / 2), cos x = (1 - t²) / (1 + t²) and sin x = 2 t / (1 + t²): no sine is evaluated.
         squares = tangents * tangents
         whole = 1 + squares
         c, s = math.cos(middle), math.sin(middle)
@@ -37,57 +44,62 @@ class Turns:
 
     @property
     def parts(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Angles, cosines, sines."""
+        """Angles, cosines and sines."""
         return self.angles, self.cosines, self.sines
 
     def onward(self, steps: ca.SX, longest: FloatArray) -> Turns:
-        """The coordinates after steps SX (k, 1) of at most `longest` (k,), whose sines and cosines are short series."""
+        """Return the coordinates after steps SX (k, 1) of at most `longest` (k,); short series give their sines."""
         cosines, sines = [], []
         for k, reach in enumerate(longest):
             along, across = _of_small(steps[k], float(reach))
+            # The addition theorems turn the known sine and cosine onward by the small step.
             cosines.append(self.cosines[k] * along - self.sines[k] * across)
             sines.append(self.sines[k] * along + self.cosines[k] * across)
         return Turns(self.angles + steps, ca.vertcat(*cosines), ca.vertcat(*sines))
 
 
 def _of_small(angle: ca.SX, longest: float) -> tuple[ca.SX, ca.SX]:
-    """Cosine and sine of an angle of at most `longest`: of Taylor's series what is more than rounding."""
+    """Return cosine and sine of an angle of at most `longest`, by Taylor's series down to rounding."""
     if longest > _SMALL:
         return ca.cos(angle), ca.sin(angle)
+    # Coefficients of the powers: the even ones are those of the cosine, the odd ones those of the sine (without the
+    # leading factor of the angle).
     shares = [1.0, 1.0]
     while longest ** len(shares) * abs(shares[-1]) / len(shares) > _ROUNDING:
         shares.append(-shares[-2] / (len(shares) * (len(shares) - 1)))
     squared = angle * angle
-    found = [ca.SX(0), ca.SX(0)]
+    sums = [ca.SX(0), ca.SX(0)]
+    # Horner's scheme in the square of the angle, for both series at once.
     for power in reversed(range(len(shares))):
-        found[power % 2] = found[power % 2] * squared + shares[power]
-    return found[0], angle * found[1]
+        sums[power % 2] = sums[power % 2] * squared + shares[power]
+    return sums[0], angle * sums[1]
 
 
 def turned(expression: ca.SX, symbols: ca.SX, turns: Turns) -> ca.SX:
-    """The expression with `turns` in place of symbols SX (k, 1), their sines and cosines in place of those of symbols.
+    """Return the expression with `turns` in place of symbols SX (k, 1), and of their sines and cosines.
 
     CasADi's list of instructions is gone through once. Sines of sums with a symbol are those of its angle.
     """
-    given = ca.symvar(expression)
+    free_symbols = ca.symvar(expression)
     places = {symbols[k].element_hash(): k for k in range(symbols.numel())}
-    at = [places.get(symbol.element_hash()) for symbol in given]
-    if all(place is None for place in at):
+    symbol_places = [places.get(symbol.element_hash()) for symbol in free_symbols]
+    if all(place is None for place in symbol_places):
         return expression
-    function = ca.Function("open", [ca.vertcat(*given)], [expression.nz[:]])
+    function = ca.Function("open", [ca.vertcat(*free_symbols)], [expression.nz[:]])
     values: dict[int, ca.SX] = {}
+    # By register of the instruction list: which symbol it holds at this point, if it is exactly one of them.
     replaced: dict[int, int] = {}
-    found = [ca.SX(0)] * int(expression.nnz())
+    entries = [ca.SX(0)] * int(expression.nnz())
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         target, source = function.instruction_output(k), function.instruction_input(k)
         if operation == ca.OP_OUTPUT:
-            found[target[1]] = values[source[0]]
+            entries[target[1]] = values[source[0]]
             continue
         turn = replaced.get(source[0]) if operation in (ca.OP_SIN, ca.OP_COS) else None
-        place = at[source[1]] if operation == ca.OP_INPUT else None
+        place = symbol_places[source[1]] if operation == ca.OP_INPUT else None
         if operation == ca.OP_INPUT:
-            value = given[source[1]] if place is None else turns.angles[place]
+            value = free_symbols[source[1]] if place is None else turns.angles[place]
         elif operation == ca.OP_CONST:
             value = ca.SX(function.instruction_constant(k))
         elif turn is not None:
@@ -97,7 +109,8 @@ def turned(expression: ca.SX, symbols: ca.SX, turns: Turns) -> ca.SX:
         else:
             value = ca.SX.binary(operation, values[source[0]], values[source[1]])
         values[target[0]] = value
+        # CasADi reuses registers: what this one held before is overwritten.
         replaced.pop(target[0], None)
         if place is not None:
             replaced[target[0]] = place
-    return ca.SX(expression.sparsity(), ca.vertcat(*found))
+    return ca.SX(expression.sparsity(), ca.vertcat(*entries))

@@ -1,7 +1,7 @@
-"""Machine code kept on disk, so that the regressors of a robot are compiled once on a machine and not by every process.
+"""Machine code cached on disk, so that the regressors of a robot are compiled once on a machine.
 
-A folder of the user's own holds it: that of the operating system for such things, or `DYNIDENT_CACHE_DIR` (empty: none
-is kept). What cannot be kept or read is compiled, and no error.
+The cache is a folder of the user's own: the operating system's folder for caches, or `DYNIDENT_CACHE_DIR` (empty:
+nothing is cached). Code that cannot be cached or read is compiled; this is no error.
 """
 
 from __future__ import annotations
@@ -23,7 +23,19 @@ _DIGEST = sha256().digest_size
 
 
 def kept(text: str, compiled: Callable[[], bytes]) -> bytes:
-    """Give the code of a text: that which is kept, or `compiled` now and kept from now on."""
+    """Return the machine code of a text: the cached one, or what `compiled` makes, which is cached from then on.
+
+    Parameters
+    ----------
+    text : str
+        What the code is made from, the names of compiler and processor included; its hash names the file.
+    compiled : function
+        Compiles the code; called only if none is cached.
+
+    Returns
+    -------
+    bytes
+    """
     folder = code_folder()
     if folder is None:
         return compiled()
@@ -38,24 +50,25 @@ def kept(text: str, compiled: Callable[[], bytes]) -> bytes:
 
 
 def code_folder() -> Path | None:
-    """Give the folder in which machine code is kept; None where none is."""
+    """Return the folder in which machine code is cached; None if none is."""
     return _folder(os.environ.get(SETTING))
 
 
 def _read(path: Path) -> bytes | None:
-    """What a file holds; None where there is none, or one that was damaged, which would end the process."""
+    """Return the code in a file; None if the file does not exist or is damaged."""
     try:
         data = path.read_bytes()
     except OSError:
         return None
     with suppress(OSError):  # a folder that may only be read
         os.utime(path)
+    # Damaged machine code would end the process without a word, so that every file starts with its hash.
     digest, code = data[:_DIGEST], data[_DIGEST:]
     return code if sha256(code).digest() == digest else None
 
 
 def _write(path: Path, code: bytes) -> None:
-    """Write a file at once, so that nobody reads half of it."""
+    """Write a file in one step (a temporary file that is renamed), so that nobody reads half of it."""
     handle, unfinished = tempfile.mkstemp(dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
@@ -68,7 +81,7 @@ def _write(path: Path, code: bytes) -> None:
 
 @cache
 def _folder(setting: str | None) -> Path | None:
-    """Where code is kept, with room for more; None where it must not be, or where others might write into it."""
+    """Return the cache folder, made if need be; None if it must not be used or others may write to it."""
     if setting == "":
         return None
     folder = Path(setting).absolute() if setting else platformdirs.user_cache_path("dynident", appauthor=False)
@@ -77,6 +90,7 @@ def _folder(setting: str | None) -> Path | None:
         return None  # a user without a home
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        # What lies here is executed: a folder that somebody else owns or may write to is not used.
         status = folder.stat()
         if hasattr(os, "geteuid") and (status.st_uid != os.geteuid() or status.st_mode & 0o022):
             return None
@@ -87,16 +101,16 @@ def _folder(setting: str | None) -> Path | None:
 
 @cache
 def _tidied(folder: Path) -> None:
-    """Remove what was not used for longest, down to half the room, where there is too much; once in a process."""
-    found = []
+    """Remove the files that were not used for longest until half of the limit is left; once in a process."""
+    files = []
     for path in folder.iterdir():
         with suppress(OSError):  # another process may tidy, too
             status = path.stat()
-            found.append((status.st_mtime, status.st_size, path))
-    total = sum(size for _, size, _ in found)
+            files.append((status.st_mtime, status.st_size, path))
+    total = sum(size for _, size, _ in files)
     if total <= _ROOM:
         return
-    for _, size, path in sorted(found, key=lambda one: one[:2]):
+    for _, size, path in sorted(files, key=lambda file: file[:2]):
         if total <= _ROOM // 2:
             return
         path.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""LLVM: from CasADi's list of instructions to machine code that reads and writes numpy's arrays in place."""
+"""LLVM: compile CasADi's list of instructions to machine code that reads and writes numpy's arrays in place."""
 
 from __future__ import annotations
 
@@ -27,7 +27,17 @@ _BUILD = threading.Lock()
 
 
 class Compiled:
-    """Machine code of a function of one vector, `lanes` samples at once."""
+    """Machine code of a CasADi function of one vector, evaluated at `lanes` samples at once.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        One input vector, one output vector.
+    widths : sequence of int
+        The widths of the parts of the input vector, each of which `run` takes as an array of its own.
+    lanes : int
+        Samples in one register.
+    """
 
     def __init__(self, function: ca.Function, widths: Sequence[int], lanes: int) -> None:
         text = translated(function, widths, lanes, _at_once(lanes))
@@ -46,8 +56,20 @@ class Compiled:
         self._call: Any = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
 
     def run(self, m: int, out: FloatArray, inputs: Sequence[FloatArray]) -> None:
-        """Evaluate m samples; arrays whose rows are contiguous."""
+        """Evaluate m samples.
+
+        Parameters
+        ----------
+        m : int
+            At least `lanes`.
+        out : (m, number of outputs)
+            Where to put the result.
+        inputs : sequence of (m, width) or (width,)
+            One array for each part of the input vector, its rows contiguous; one of shape (width,) holds for all
+            samples.
+        """
         # Of each call its own, so that threads may share the code.
+        # Machine code has no bounds checks: the callers, `Program` and `Recurrence`, have checked all shapes.
         results = np.empty(self._room)
         arguments = [results.ctypes.data]
         for item in inputs:
@@ -57,10 +79,11 @@ class Compiled:
 
 @cache
 def _target() -> llvm.Target:
-    """This computer, with the C library's functions made known; LLVM ends the process over one that it cannot find."""
+    """Return the target for this computer, with the C library's functions registered."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     library = ctypes.CDLL(None)
+    # LLVM ends the process over a symbol that it cannot find.
     for name in LIBRARY_FUNCTIONS:
         llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
     return llvm.Target.from_default_triple()
@@ -68,9 +91,9 @@ def _target() -> llvm.Target:
 
 @cache
 def _at_once(lanes: int) -> dict[str, str]:
-    """Functions of the C library's vector part (glibc, AVX2) by the names of those for one number: to 4 ulp, mostly 1.
+    """Return the vector functions of the C library (glibc, AVX2) by the names of those for one number.
 
-    A sine takes as long as 130 products by itself, and as 30 so.
+    They are accurate to 4 ulp, mostly 1. A sine takes as long as 130 products by itself, and as 30 in such a call.
     """
     _target()
     if lanes != _LANES_AT_ONCE or "+avx2" not in _processor()[1].split(",") or platform.machine() != "x86_64":
@@ -79,19 +102,21 @@ def _at_once(lanes: int) -> dict[str, str]:
         library = ctypes.CDLL("libmvec.so.1")
     except OSError:
         return {}
-    found = {}
+    vector_functions = {}
     for name in sorted(LIBRARY_FUNCTIONS):
         for arguments in ("v", "vv"):
+            # The name by x86's vector ABI: "d" is AVX2, "N" without a mask, a "v" for every argument.
             full = f"_ZGVdN{lanes}{arguments}_{name}"
             if hasattr(library, full):
                 llvm.add_symbol(full, ctypes.cast(getattr(library, full), ctypes.c_void_p).value)
-                found[name] = full
-    return found
+                vector_functions[name] = full
+    return vector_functions
 
 
 def _machine() -> llvm.TargetMachine:
-    """Compiles the simplest way: CasADi has removed what is computed twice, and more care costs more than it saves."""
+    """Return the compiler of this computer, without optimisation."""
     name, features = _processor()
+    # CasADi has removed common subexpressions; LLVM's own optimisation takes longer than it saves.
     return _target().create_target_machine(cpu=name, features=features, opt=0, jit=True)
 
 
@@ -102,7 +127,7 @@ def _versions() -> str:
 
 @cache
 def _processor() -> tuple[str, str]:
-    """Name and features; those that nothing is known of are left at what every such processor has."""
+    """Return the processor's name and features; two empty texts (the common base) if LLVM does not know it."""
     try:
         return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
     except RuntimeError:

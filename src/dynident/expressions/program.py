@@ -98,17 +98,19 @@ class Program:
             raise ValueError("a result that is read-only")
         if m == 0 or self.n_outputs == 0:
             return out
-        # Some entries are written before all are read, and the last samples may be computed twice.
+        # Some entries are written before all inputs are read, and the last samples may be computed twice: a result that
+        # shares memory with an input, or whose rows are not contiguous, is evaluated elsewhere and copied.
         if not _rows(out) or any(np.may_share_memory(out, item) for item in inputs):
             out[:] = self(*inputs)
             return out
+        # Code for several lanes cannot evaluate fewer samples than it has lanes.
         compiled = self._side_by_side if m >= _LANES else self._one_by_one
         compiled.run(m, out, [_readable(item) for item in inputs])
         return out
 
 
 def _rows(array: FloatArray) -> bool:
-    """Whether each row is contiguous, and begins a whole number of numbers after the one before."""
+    """Return whether each row is contiguous and rows are a whole number of float64 apart."""
     whole = array.strides[0] % NUMBER == 0
     return bool(array.flags.aligned and whole and (array.shape[-1] <= 1 or array.strides[-1] == NUMBER))
 

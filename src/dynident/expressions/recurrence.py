@@ -1,4 +1,4 @@
-"""A state that is stepped through time, each step from the one before."""
+"""Recurrences: a state that is stepped through time, each step from the one before."""
 
 from __future__ import annotations
 
@@ -28,7 +28,21 @@ class Recurrence:
         self._compiled = Compiled(function, self._sizes, 1)
 
     def run(self, state: FloatArray, inputs: FloatArray, constants: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The state (s,) after m steps from a first one (s,) with inputs (m, w), and the samples y (m, o).
+        """Step the state through m samples.
+
+        Parameters
+        ----------
+        state : (s,)
+            x_0.
+        inputs : (m, w)
+        constants : (c,)
+
+        Returns
+        -------
+        state : (s,)
+            After the last step.
+        samples : (m, o)
+            y of every step.
 
         Raises
         ------
@@ -36,10 +50,10 @@ class Recurrence:
             For a state, inputs or constants of another size.
         """
         m = len(inputs)
-        given, n_state = (state.shape, inputs.shape, constants.shape), self._sizes[0]
+        shapes, n_state = (state.shape, inputs.shape, constants.shape), self._sizes[0]
         needed = ((n_state,), (m, self._sizes[1]), (self._sizes[2],))
-        if given != needed:
-            raise ValueError(f"state, inputs and constants of {given}; {needed} are needed")
+        if shapes != needed:
+            raise ValueError(f"state, inputs and constants of {shapes}; {needed} are needed")
         # Row k + 1 takes what step k gives and is what step k + 1 reads: one sample at a time, in order.
         table = np.empty((m + 1, self._width))
         table[0, :n_state] = state

@@ -54,8 +54,8 @@ class UnsupportedOperationError(DynidentError):
 
 def _unsupported(operation: int) -> UnsupportedOperationError:
     codes = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
-    known = {*_ARITHMETIC, *_COMPARISONS, *_INTRINSICS, *_CALLS, *_SPECIAL}
-    words = ", ".join(sorted(codes[code].removeprefix("OP_").lower() for code in known))
+    supported = {*_ARITHMETIC, *_COMPARISONS, *_INTRINSICS, *_CALLS, *_SPECIAL}
+    words = ", ".join(sorted(codes[code].removeprefix("OP_").lower() for code in supported))
     return UnsupportedOperationError(
         f"a column uses CasADi's operation {codes[operation].removeprefix('OP_').lower()}, which cannot be evaluated "
         f"here; write it with these: {words}",
@@ -65,7 +65,7 @@ def _unsupported(operation: int) -> UnsupportedOperationError:
 
 
 def translated(function: ca.Function, widths: Sequence[int], lanes: int, at_once: Mapping[str, str]) -> str:
-    """LLVM assembly of `run(n, out, out_stride, results, in_0, stride_0, in_1, stride_1, …)`.
+    """Translate a function to LLVM assembly of `run(n, out, out_stride, results, in_0, stride_0, in_1, stride_1, …)`.
 
     It evaluates `function` (one input vector, one output vector) at n samples, `lanes` of them at once; n is at least
     `lanes`, and the last lanes are taken from the end of the samples, some a second time where n is no multiple.
@@ -73,13 +73,29 @@ def translated(function: ca.Function, widths: Sequence[int], lanes: int, at_once
     in_k[s stride_k + j], that of the output out[s out_stride + j]: strides count numbers, and a stride of 0 holds one
     value for all samples. `results` is room for all outputs of `lanes` samples: written side by side there and then
     handed out by a loop, they take half the time to compile of numbers stored one by one.
-    `at_once`: by the name of a library function that of another which does the same for all lanes in one call.
+
+    Parameters
+    ----------
+    function : casadi.Function
+    widths : sequence of int
+    lanes : int
+    at_once : mapping
+        Vector functions of the C library, for all lanes in one call, by the name of the function for one number.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    UnsupportedOperationError
+        For an operation that has no translation.
     """
     return _Translation(function, widths, lanes, at_once).text
 
 
 def _common_divisors(function: ca.Function) -> frozenset[int]:
-    """The divisions by what divides another number, too."""
+    """Return the numbers of the divisions whose divisor divides another number as well."""
     made_by: dict[int, int] = {}
     divisions: dict[int, list[int]] = {}
     for k in range(function.n_instructions()):
@@ -92,7 +108,7 @@ def _common_divisors(function: ca.Function) -> frozenset[int]:
 
 
 class _Translation:
-    """The text as it grows."""
+    """The assembly text while it is written."""
 
     def __init__(self, function: ca.Function, widths: Sequence[int], lanes: int, at_once: Mapping[str, str]) -> None:
         self._lanes, self._at_once = lanes, at_once
@@ -102,8 +118,8 @@ class _Translation:
         self._count = 0
         self._inputs = [(k, j) for k, width in enumerate(widths) for j in range(width)]
         self._walk(function)
-        given = [f"ptr readonly %in{k}, i64 %stride{k}" for k in range(len(widths))]
-        arguments = ", ".join(["i64 %n", "ptr %out", "i64 %out_stride", "ptr %results", *given])
+        input_arguments = [f"ptr readonly %in{k}, i64 %stride{k}" for k in range(len(widths))]
+        arguments = ", ".join(["i64 %n", "ptr %out", "i64 %out_stride", "ptr %results", *input_arguments])
         self.text = "\n".join(
             [
                 *self._declared.values(),
@@ -116,13 +132,14 @@ class _Translation:
         )
 
     def _begin(self, n_inputs: int) -> list[str]:
-        """The loop over the samples, and where every lane finds its sample."""
+        """Return the head of the loop over the samples: where every lane finds its sample."""
         lines = [
             "entry:",
             f"  %last = sub i64 %n, {self._lanes}",
             "  br label %loop",
             "loop:",
             "  %first = phi i64 [0, %entry], [%next, %onward]",
+            # The last pass starts `lanes` before the end, so that no lane reads beyond it.
             "  %beyond = icmp sgt i64 %first, %last",
             "  %start = select i1 %beyond, i64 %last, i64 %first",
         ]
@@ -135,7 +152,7 @@ class _Translation:
         return lines
 
     def _end(self, n_outputs: int) -> list[str]:
-        """What was computed side by side goes to the rows of its samples, and the next samples follow."""
+        """Return the end of the loop: results go to the rows of their samples, then follow the next samples."""
         lines = [
             "  br label %hand_out",
             "hand_out:",
@@ -163,10 +180,12 @@ class _Translation:
         ]
 
     def _walk(self, function: ca.Function) -> None:
-        """Turn CasADi's register machine into single assignments.
+        """Translate CasADi's register machine into single assignments.
 
         What several numbers are divided by is inverted once: a quotient takes as long as eight products.
         """
+        # By CasADi's register: the name of the LLVM value that it holds now. Each instruction makes a new value, as
+        # LLVM wants it, whereas CasADi overwrites its registers.
         holds: dict[int, str] = {}
         inverted: dict[str, str] = {}
         common = _common_divisors(function)
@@ -194,6 +213,7 @@ class _Translation:
         return name
 
     def _constant(self, value: float) -> str:
+        # Hexadecimal bits, since LLVM refuses decimals that are not exact.
         bits = "0x" + struct.pack(">d", value).hex().upper()
         return "<" + ", ".join([f"double {bits}"] * self._lanes) + ">"
 
@@ -280,7 +300,7 @@ class _Translation:
         return self._number(self._compared("oeq", x, self._constant(0.0)))
 
     def _sign(self, x: str) -> str:
-        """0 of 0, and what is no number stays none."""
+        """Return -1, 0 or 1; NaN stays NaN."""
         zero = self._constant(0.0)
         below = self._chosen(self._compared("olt", x, zero), self._constant(-1.0), x)
         return self._chosen(self._compared("ogt", x, zero), self._constant(1.0), below)
@@ -295,7 +315,8 @@ class _Translation:
         return self._extreme("ogt", x, y)
 
     def _extreme(self, how: str, x: str, y: str) -> str:
-        """What is no number goes through."""
+        """Return the smaller or larger value; NaN if either of the two is."""
+        # "uno" is true where one of the two is NaN; their sum is NaN then.
         either = self._chosen(self._compared(how, x, y), x, y)
         return self._chosen(self._compared("uno", x, y), self._new(f"fadd {self._type} {x}, {y}"), either)
 

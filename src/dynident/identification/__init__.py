@@ -52,5 +52,6 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    # Requests are declared in this package, too: a reader of these must not wait for the numerics to be imported.
+
     __getattr__ = lazily(__name__)

@@ -1,4 +1,4 @@
-"""The four independent choices of an identification: effects, model, strategy, estimator; and the preprocessing."""
+"""The independent choices of an identification: effects, model, strategy, estimator; and the preprocessing."""
 
 from __future__ import annotations
 
@@ -55,6 +55,7 @@ _UNFIT = "Choices that do not fit"
 
 
 def _tolerance() -> float:
+    # Imported late: the declaration of the choices must not load the numerics.
     from dynident.regressors.base_parameters import DEFAULT_TOLERANCE
 
     return DEFAULT_TOLERANCE
@@ -62,17 +63,16 @@ def _tolerance() -> float:
 
 @dataclass(frozen=True)
 class IdentificationChoices:
-    """What is identified and how.
+    """The model structure of an identification, and how its parameters are solved for.
 
-    `estimator` is a name, or an estimator with options of its own; the kinds that there are have a file each in
-    `identification.methods`. `steps` are those of the sequential strategy; `prior` None: the data alone count;
-    `free_links`, by their joints, are
-    those that the prior is not believed of, for instance the last one where it carries an unknown payload, and
-    `prior_error` the share by which the others are usually off (see `usual_errors` and, for description_entropic, whose
-    distance is the same in every frame, `entropic`). `pole` is a of [12.29] in rad/s,
-    for the filtered model, `interval` t_b - t_a of [12.43] in s, for the energy model, `preprocessing` the filters:
-    None where the data decide. `tolerance` decides which columns count as dependent. `covariance`: what of the
-    residuals is taken to be correlated (`estimation.statistics`). `weigh_turns`: see `estimation.turned`.
+    `estimator` is a name, or an estimator with options of its own; each kind has a file in `identification.methods`.
+    `steps` are those of the sequential strategy. `prior` None: the data alone count. `free_links` are links, named by
+    their joints, that the prior does not hold for, such as the last one where it carries an unknown payload.
+    `prior_error` is the share by which the others are usually off (see `usual_errors` and, for description_entropic,
+    whose distance is the same in every frame, `entropic`). `pole` is a of [12.29] in rad/s, for the filtered model;
+    `interval` is t_b - t_a of [12.43] in s, for the energy model; `preprocessing` the filters: None where the data
+    decide. `tolerance` decides which columns count as dependent. `covariance` says which residuals are taken to be
+    correlated (`estimation.statistics`). `weigh_turns`: see `estimation.turned`.
     """
 
     effects: tuple[EffectChoice, ...] = said("What acts on the joints", default=DEFAULT_EFFECTS, option="-")
@@ -125,8 +125,10 @@ class IdentificationChoices:
         _known("estimator", name_of(self.estimator), AVAILABLE_ESTIMATORS)
         _known("covariance", self.covariance, AVAILABLE_COVARIANCES)
         _known("steps", self.steps, STEPS.names)
+        # Names first, then the ranges that each field declares, then what depends on several fields.
         check_ranges(self)
         if not isinstance(self.estimator, str):
+            # An estimator without options of its own is kept by its name alone, so that equal choices compare equal.
             object.__setattr__(self, "estimator", self.estimator.asked)
         if self.prior is not None:
             _known("prior", self.prior, AVAILABLE_PRIORS)
@@ -162,7 +164,7 @@ class IdentificationChoices:
 
     @property
     def rows(self) -> RowsModel:
-        """The model."""
+        """The equation type that makes rows of W."""
         return MODELS.one(self.model)
 
     @property
@@ -172,17 +174,20 @@ class IdentificationChoices:
 
     @property
     def rows_asked(self) -> RowsAsked:
-        """What rows are made of recordings."""
+        """Options of the rows that are made of recordings."""
         return RowsAsked(self.model, self.pole, self.interval, self.tolerance, self.solver.weighted)
 
     @property
     def trust(self) -> Trust:
-        """How far the description is believed."""
+        """Trust in the inertias of the description."""
         return Trust(self.belief, self.free_links, self.prior_error)
 
     @property
     def least_squares_of_torque(self) -> bool:
-        """Whether parameters are least squares of the joints' torques; those with shapes uncertain are then, too."""
+        """Whether the parameters are least squares of the joints' torques.
+
+        Only then their covariance can be linearised together with that of the shape constants.
+        """
         return self.model == "dynamic" and self.plan.at_once and self.solver.from_reduced
 
     @property
@@ -191,6 +196,7 @@ class IdentificationChoices:
         return self.weigh_turns and self.model == "dynamic" and self.solver.weighs_turns
 
     def _check_prior(self) -> None:
+        # The divergence is a barrier: only an estimator that keeps bodies possible can minimise it.
         if self.trust.of_bodies and not self.solver.possible_bodies:
             able = " or ".join(ESTIMATORS.having("possible_bodies"))
             raise DynidentError(
@@ -201,6 +207,6 @@ class IdentificationChoices:
             )
 
 
-def _known(what: str, value: str, available: tuple[str, ...]) -> None:
+def _known(field: str, value: str, available: tuple[str, ...]) -> None:
     if value not in available:
-        raise DynidentError(f"{value!r} is no {what}; choose from: {', '.join(available)}", pointer=f"/{what}")
+        raise DynidentError(f"{value!r} is no {field}; choose from: {', '.join(available)}", pointer=f"/{field}")

@@ -1,4 +1,4 @@
-"""What is asked of the search for the essential parameters."""
+"""Options of the search for the essential parameters."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dynident.asking import said
 
 @dataclass(frozen=True)
 class EssentialChoices:
-    """How far parameters are taken out."""
+    """How far the backward elimination of parameters goes."""
 
     ratio: float = said(
         "Largest over smallest relative standard deviation to end at (§12.7)", default=10.0, above=1, at_most=1e6

@@ -1,4 +1,4 @@
-"""What an estimator and a strategy give."""
+"""The result of an estimator or a strategy."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dynident.identification.parameters.standard import StandardParameters
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Estimates, how sure they are, and what the user must be told about how they came about.
+    """Estimates, their uncertainty, and the warnings about how they came about.
 
     `standard`: the standard parameters, where the estimator solves for these.
     """

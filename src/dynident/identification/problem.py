@@ -1,4 +1,4 @@
-"""What an estimator solves."""
+"""The problem that an estimator solves."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from dynident.regressors.model import Model
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Equations of data in the columns of a model, and what is known beside them.
+    """Equations of data in the columns of a model, and prior knowledge of its parameters.
 
-    `known` is what is known of the parameters that the equations of the data are in, None where that is nothing;
-    `covariance` what of the residuals is taken to be correlated. `trust` in the description decides, for estimators
-    that look for standard parameters, what data and `known` leave open.
+    `known` is what is known of the parameters beside the data, None where that is nothing; `covariance` says which
+    residuals are taken to be correlated. `trust` in the description decides, for estimators that look for standard
+    parameters, what data and `known` leave open.
     """
 
     model: Model
@@ -31,7 +31,7 @@ class Problem:
 
     @classmethod
     def of(cls, model: Model, choices: IdentificationChoices, data: Data) -> Problem:
-        """All parameters from all data, with what the chosen prior says of them, and rows weighed as is chosen.
+        """Return the problem of all parameters and all data, with the chosen prior and weights.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""A user's file as a recording of a robot: with its joints, drive gains and limits, and held against its dynamics."""
+"""Import a user's file as a recording of a robot, and check it against the robot's dynamics."""
 
 from __future__ import annotations
 
@@ -21,7 +21,12 @@ from dynident.robot import Robot, coupling_matrix
 
 
 def recorded_joints(robot: Robot) -> RecordedJoints:
-    """What the columns of a robot's recordings are of."""
+    """Return what the columns of a robot's recordings stand for: its joints with their limits, gains and coupling.
+
+    Parameters
+    ----------
+    robot : Robot
+    """
     return RecordedJoints(
         robot.joint_names,
         limits=[JointLimits(j.kind, j.reach, j.limits.velocity, j.limits.effort) for j in robot.joints],
@@ -34,6 +39,17 @@ def import_for_robot(
     robot: Robot, source: Path, destination: Path, metadata: RecordingMetadata, progress: Progress = silent
 ) -> tuple[Recording, tuple[Check, ...]]:
     """Check a file and store it as a canonical Parquet file.
+
+    Parameters
+    ----------
+    robot : Robot
+    source, destination : Path
+    metadata : RecordingMetadata
+    progress : Progress
+
+    Returns
+    -------
+    tuple of Recording and its checks
 
     Raises
     ------
@@ -56,7 +72,7 @@ MOST_CURES = 5
 
 @dataclass(frozen=True, eq=False)
 class Cured:
-    """A recording, its checks, and what had to be said of its file that nobody had said."""
+    """A recording, its checks, and the corrections of its metadata that made it usable."""
 
     recording: Recording
     checks: tuple[Check, ...]
@@ -73,9 +89,22 @@ def import_cured(
     *,
     most: int = MOST_CURES,
 ) -> Cured:
-    """As `import_for_robot`; what is refused with a cure is read again with it, `most` times; not at all with 0.
+    """Import a file; where it is refused with a cure, read it again with that cure.
 
     A warning stays one: nothing is changed that could be used as it is.
+
+    Parameters
+    ----------
+    robot : Robot
+    source, destination : Path
+    metadata : RecordingMetadata
+    progress : Progress
+    most : int
+        Largest number of cures, one after the other; none with 0.
+
+    Returns
+    -------
+    Cured
 
     Raises
     ------
@@ -87,11 +116,15 @@ def import_cured(
         try:
             recording, checks = import_for_robot(robot, source, destination, metadata, progress)
         except RecordingError as error:
-            cure = next((one.apply for one in error.checks if one.status == "error" and one.apply is not None), None)
+            # One cure at a time: the next reading tells whether the other errors were only its consequence.
+            cure = next(
+                (check.apply for check in error.checks if check.status == "error" and check.apply is not None), None
+            )
+            # Without a cure, or after too many, the user has to see the error itself.
             if cure is None or len(done) == most:
                 raise
             done.append(cure)
             metadata = cure.of(metadata)
             continue
-        told = [Check("cure", "warning", f"Read as if it had been said: {one}.") for one in done]
-        return Cured(recording, (*checks, *told), tuple(done), metadata)
+        notes = [Check("cure", "warning", f"Read as if it had been said: {revision}.") for revision in done]
+        return Cured(recording, (*checks, *notes), tuple(done), metadata)

@@ -1,4 +1,4 @@
-"""What counts as good, doubtful and hopeless: the same here, in every warning and verdict, and in the README."""
+"""Thresholds of good, doubtful and hopeless: the same in every warning and verdict, and in the README."""
 
 from __future__ import annotations
 

@@ -27,7 +27,19 @@ _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 
 
 def csv_of(table: pa.Table, *, header: bool = True) -> bytes:
-    """Write a table as CSV (RFC 4180): names and texts are quoted where they have to be."""
+    """Write a table as CSV (RFC 4180).
+
+    Parameters
+    ----------
+    table : pyarrow.Table
+    header : bool
+        Whether the names of the columns come first.
+
+    Returns
+    -------
+    bytes
+        Names and texts are quoted where they have to be.
+    """
     try:
         rows = _csv_rows(table, "none")
     except pa.ArrowInvalid:
@@ -37,7 +49,7 @@ def csv_of(table: pa.Table, *, header: bool = True) -> bytes:
 
 
 def header_row(names: Sequence[str]) -> bytes:
-    """Write names as the first row of a CSV file."""
+    """Return names as the first row of a CSV file."""
     row = io.StringIO(newline="")
     # A name with either of these characters is quoted; the rows of numbers end as Arrow and numpy end them.
     csv.writer(row, lineterminator="\r\n").writerow(names)
@@ -51,41 +63,50 @@ def _csv_rows(table: pa.Table, quoting: Literal["none", "needed"]) -> bytes:
 
 
 def named_columns(columns: Mapping[str, NDArray[np.generic]]) -> pa.Table:
-    """Make a table of arrays (m,), whatever is in their names."""
-    made = [pa.array(one) if one.dtype.kind == "U" else from_numbers(one) for one in columns.values()]
-    return pa.table(made, names=[encodable(name) for name in columns])
+    """Return a table of arrays (m,); their names may hold anything, also what is no UTF-8."""
+    arrays = [pa.array(values) if values.dtype.kind == "U" else from_numbers(values) for values in columns.values()]
+    return pa.table(arrays, names=[encodable(name) for name in columns])
 
 
 def streamed_parquet(path: Path) -> pq.ParquetFile:
-    """Open a Parquet file for reading in batches, in memory that does not grow with it.
+    """Open a Parquet file for reading in batches, in memory that does not grow with the file.
 
     Arrow's defaults keep every byte read until the file is closed, and read a column's whole row group at once.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    pyarrow.parquet.ParquetFile
     """
     return pq.ParquetFile(path, pre_buffer=False, buffer_size=READ_BYTES)
 
 
 def to_floats(column: pa.Array) -> FloatArray:
-    """Give a column of float64 as a read-only array; missing values are NaN."""
+    """Return a column of float64 as a read-only array; missing values are NaN."""
     if column.null_count:
         column = column.fill_null(float("nan"))
     if not len(column):
         return np.empty(0)
+    # A column may be a slice of a longer buffer: its offset counts values.
     return np.frombuffer(column.buffers()[1], dtype=np.float64)[column.offset : column.offset + len(column)]
 
 
 def from_numbers(values: NDArray[np.generic]) -> pa.Array:
-    """Give an array (m,) of numbers as a column."""
+    """Return an array (m,) of numbers as a column, without copying if it is contiguous."""
     values = np.ascontiguousarray(values)
     return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [None, pa.py_buffer(values)])
 
 
 def batch_of(values: Mapping[str, NDArray[np.generic]], columns: list[str]) -> pa.RecordBatch:
-    """Give arrays (m,) of numbers, by their columns' names, as a batch of some of these columns."""
+    """Return some columns of arrays (m,) of numbers, by the columns' names, as a batch."""
     return pa.RecordBatch.from_arrays([from_numbers(values[name]) for name in columns], names=columns)
 
 
 def to_numbers(column: pa.ChunkedArray) -> NDArray[np.generic]:
-    """Give a table's column as a read-only array of its own kind of number; `ValueError` where values are missing."""
+    """Return a table's column as a read-only array of its own kind of number; `ValueError` if values are missing."""
     if column.null_count:
         raise ValueError(f"{column.null_count} values are missing")
     kind = np.dtype(column.type.to_pandas_dtype())
@@ -100,13 +121,14 @@ def to_numbers(column: pa.ChunkedArray) -> NDArray[np.generic]:
 
 
 def as_floats(column: pa.ChunkedArray) -> FloatArray:
-    """Give a table's column as float64, read-only where it is that already; `ValueError` where values are missing."""
+    """Return a table's column as float64, read-only if it is that already; `ValueError` if values are missing."""
     return np.asarray(to_numbers(column), dtype=np.float64)
 
 
 def numbers_of_text(column: pa.Array, decimal_point: str = ".") -> pa.Array:
-    """Give a column of text as float64; what is no number is missing."""
+    """Return a column of text as float64; what is no number is missing."""
     text = pc.utf8_trim_whitespace(column)
     if decimal_point != ".":
         text = pc.replace_substring(text, decimal_point, ".")
+    # Arrow's cast fails at the first text that is no number: those become missing before it.
     return pc.if_else(pc.match_substring_regex(text, _NUMBER), text, None).cast(pa.float64())

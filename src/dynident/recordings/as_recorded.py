@@ -1,4 +1,4 @@
-"""Signals of a user's file as they were recorded: nothing filtered, mended or resampled; all of them, or thinned."""
+"""Raw signals of a user's file: not filtered, repaired or resampled; all rows, or a reduced set."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True)
 class FileOfRobot:
-    """A user's file, what is said of it, and the joints that it is of."""
+    """A user's file with its metadata and the joints that its columns are of."""
 
     path: Path
     metadata: RecordingMetadata
@@ -35,14 +35,14 @@ class FileOfRobot:
 
 
 class AsRecorded:
-    """Some signals of a file, in SI as far as it is known what they are.
+    """Some signals of a file, in SI units if it is known what they are.
 
     Parameters
     ----------
     file : FileOfRobot
-    wanted : names
+    requested : names
         q1, tau_<joint>, dq, ddq, q_command, temperature likewise, or the file's own columns, which are given as they
-        stand there; all positions and torques where none is named. Torques of motors that act on several joints are
+        stand there; all positions and torques if none is named. Torques of motors that act on several joints are
         the motors'.
 
     Raises
@@ -51,28 +51,30 @@ class AsRecorded:
         For a signal that the file does not hold, and what the layout of the file does not allow.
     """
 
-    def __init__(self, file: FileOfRobot, wanted: Sequence[str] = ()) -> None:
+    def __init__(self, file: FileOfRobot, requested: Sequence[str] = ()) -> None:
         self._source: FileSource = open_source(file.path, file.metadata.format, file.metadata.rate)
         layout, _ = find_columns(self._source.names, file.joints, file.metadata)
-        known = _known(layout, file)
-        names = list(dict.fromkeys(wanted)) or [f"{kind}{k + 1}" for kind in ("q", "tau") for k in range(len(layout.q))]
+        joint_signals = _known(layout, file)
+        names = list(dict.fromkeys(requested)) or [
+            f"{kind}{k + 1}" for kind in ("q", "tau") for k in range(len(layout.q))
+        ]
         own = {name: (Column(name), "") for name in self._source.names}
         for name in names:
-            if name not in known and name not in own:
+            if name not in joint_signals and name not in own:
                 raise RecordingError(
-                    f"there is no signal {name!r}; there are: {', '.join(known)}, and the file's own columns: "
+                    f"there is no signal {name!r}; there are: {', '.join(joint_signals)}, and the file's own columns: "
                     f"{', '.join(self._source.names[:40])}",
                     pointer="signals",
                     title="Unknown signal",
                 )
-        found = {name: known.get(name) or own[name] for name in names}
+        selected = {name: joint_signals.get(name) or own[name] for name in names}
         self._t = layout.t
-        self._columns = {name: column for name, (column, _) in found.items()}
+        self._columns = {name: column for name, (column, _) in selected.items()}
         self.names = tuple(names)
-        self.units = {name: unit for name, (_, unit) in found.items()}
+        self.units = {name: unit for name, (_, unit) in selected.items()}
 
     def rows(self, names: Sequence[str], start: float | None = None, end: float | None = None) -> Iterator[Rows]:
-        """Give the rows from `start` to `end` in s, in blocks, of some of the signals."""
+        """Yield the rows of some of the signals from `start` to `end` in s, in blocks."""
         layout = Layout(self._t, None, tuple(self._columns[name] for name in names), ())
         for block in self._source.rows(layout) if names else self._source.times(layout):
             inside = _inside(block.t, start, end)
@@ -80,18 +82,21 @@ class AsRecorded:
                 yield Rows(block.t[inside], block.values[inside])
 
     def count(self, start: float | None = None, end: float | None = None) -> int:
-        """Number of rows from `start` to `end`."""
+        """Return the number of rows from `start` to `end`."""
         return sum(len(block.t) for block in self.rows((), start, end))
 
     def thinned(self, points: int, start: float | None = None, end: float | None = None) -> tuple[int, Rows]:
-        """Give how many rows there are, and about `points` of them, the extremes of every signal among them."""
+        """Return how many rows there are, and about `points` of them, the extremes of every signal among them."""
         total = self.count(start, end)
+        # Each part gives two extremes of every signal at most: so wide that all parts give about `points` rows.
         width = max(1, -(-2 * len(self.names) * total // points))
         blocks = self.rows(self.names, start, end)
-        kept = list(blocks) if width <= 2 else [_extremes(part) for part in _parted(blocks, width)]
-        if not kept:
+        parts = list(blocks) if width <= 2 else [_extremes(part) for part in _parted(blocks, width)]
+        if not parts:
             return 0, Rows(np.empty(0), np.empty((0, len(self.names))))
-        return total, Rows(np.concatenate([one.t for one in kept]), np.concatenate([one.values for one in kept]))
+        return total, Rows(
+            np.concatenate([extremes.t for extremes in parts]), np.concatenate([extremes.values for extremes in parts])
+        )
 
 
 def _inside(t: FloatArray, start: float | None, end: float | None) -> BoolArray:
@@ -104,7 +109,7 @@ def _inside(t: FloatArray, start: float | None, end: float | None) -> BoolArray:
 
 
 def _parted(blocks: Iterator[Rows], width: int) -> Iterator[Rows]:
-    """The same rows in parts of `width`."""
+    """Yield the same rows in parts of `width` rows."""
     waiting: Rows | None = None
     for block in blocks:
         both = block if waiting is None else Rows(*(np.concatenate(pair) for pair in zip(waiting, block, strict=True)))
@@ -117,16 +122,17 @@ def _parted(blocks: Iterator[Rows], width: int) -> Iterator[Rows]:
 
 
 def _extremes(part: Rows) -> Rows:
-    """The rows in which a signal is largest or smallest."""
+    """Return the rows in which a signal is largest or smallest."""
     low, high = (np.where(np.isnan(part.values), worst, part.values) for worst in (np.inf, -np.inf))
     at: IntArray = np.unique(np.concatenate([low.argmin(axis=0), high.argmax(axis=0)]))
     return Rows(part.t[at], part.values[at])
 
 
 def _known(layout: Layout, file: FileOfRobot) -> dict[str, tuple[Column, str]]:
-    found: dict[str, tuple[Column, str]] = {}
+    """Return the signals of joints by their names, with column and unit."""
+    signals: dict[str, tuple[Column, str]] = {}
     for kind in STORED_KINDS:
         for joint, column in enumerate(getattr(layout, kind)):
             unit = our_unit(kind, file.joints.known_limits[joint].kind)
-            found[f"{kind}{joint + 1}"] = found[f"{kind}_{file.joints.names[joint]}"] = (column, unit)
-    return found
+            signals[f"{kind}{joint + 1}"] = signals[f"{kind}_{file.joints.names[joint]}"] = (column, unit)
+    return signals

@@ -1,4 +1,4 @@
-"""Cells with words that say something of the others: times that are written as text, and names of joints."""
+"""Cells with words: times that are written as text, and names of joints that tell what numbers are of."""
 
 from __future__ import annotations
 
@@ -39,36 +39,38 @@ class _Named:
     signals: Mapping[str, tuple[str, ...]]
 
     def columns(self) -> dict[str, tuple[str, str]]:
-        """Give the signal and the joint of every column that comes of these."""
+        """Return the signal and the joint of every column that these tables become."""
         return {f"{signal}_{joint}": (signal, joint) for signal in self.signals for joint in self.joints}
 
 
 class WordedSource(FileSource):
-    """A file whose written times are seconds, and whose signals are called by the names of joints in its cells."""
+    """A file with written times in seconds, and signals called by the names of joints in its cells."""
 
     def __init__(self, source: FileSource, times: Sequence[str], named: Sequence[_Named]) -> None:
         self._source, self._times = source, frozenset(times)
-        self._places = {column: (one, *place) for one in named for column, place in one.columns().items()}
-        read = {column for one in named for columns in (one.names, *one.signals.values()) for column in columns}
-        names = [name for name in source.names if name not in read]
-        units = {name: unit for name, unit in source.units.items() if name not in read}
+        self._places = {column: (table, *place) for table in named for column, place in table.columns().items()}
+        used_columns = {
+            column for table in named for columns in (table.names, *table.signals.values()) for column in columns
+        }
+        names = [name for name in source.names if name not in used_columns]
+        units = {name: unit for name, unit in source.units.items() if name not in used_columns}
         units |= {
             name: source.units[columns[0]]
-            for name, (one, signal, _) in self._places.items()
-            if (columns := one.signals[signal])[0] in source.units
+            for name, (table, signal, _) in self._places.items()
+            if (columns := table.signals[signal])[0] in source.units
         }
         super().__init__([*names, *self._places], {**units, **dict.fromkeys(times, "s")})
         self.sample_rows, self.remarks = source.sample_rows, source.remarks
         self.texts = {name: cells for name, cells in source.texts.items() if name in names and name not in self._times}
         # Where rows are of one joint each, those of the others are empty in them.
-        self.has_gaps = source.has_gaps or any(len(one.joints) > len(one.names) for one in named)
+        self.has_gaps = source.has_gaps or any(len(table.joints) > len(table.names) for table in named)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         needed: dict[str, None] = {}
         for name in columns:
             if name in self._places:
-                one, signal, _ = self._places[name]
-                needed |= dict.fromkeys((*one.names, *one.signals[signal]))
+                table, signal, _ = self._places[name]
+                needed |= dict.fromkeys((*table.names, *table.signals[signal]))
             else:
                 needed[name] = None
         first_row = 0
@@ -88,11 +90,12 @@ class WordedSource(FileSource):
         if name not in self._places:
             column = batch.column(name)
             return to_seconds(column) if name in self._times else column
-        one, signal, joint = self._places[name]
-        if one.names not in orders:
-            orders[one.names] = _orders(batch, one.names)
-        which, combinations = orders[one.names]
-        sources = one.signals[signal]
+        table, signal, joint = self._places[name]
+        if table.names not in orders:
+            orders[table.names] = _orders(batch, table.names)
+        which, combinations = orders[table.names]
+        sources = table.signals[signal]
+        # As a rule the joints stand in the same order in all rows: the column is then passed on as it is.
         if len(combinations) == 1:
             places = [place for place, word in enumerate(combinations[0]) if word == joint]
             return batch.column(sources[places[0]]) if places else pa.nulls(batch.num_rows, pa.float64())
@@ -105,32 +108,44 @@ class WordedSource(FileSource):
 
 
 def _orders(batch: pa.RecordBatch, names: Sequence[str]) -> tuple[IntArray, list[tuple[str, ...]]]:
-    """Give the number (m,) of every row's combination of names, and the combinations."""
+    """Return the number (m,) of every row's combination of names, and the combinations."""
+    # Names are compared by their numbers in a dictionary: texts are few, rows are many.
     coded = [pc.dictionary_encode(_as_text(batch.column(name))) for name in names]
-    codes = np.column_stack([one.indices.to_numpy(zero_copy_only=False) for one in coded])
+    codes = np.column_stack([encoded.indices.to_numpy(zero_copy_only=False) for encoded in coded])
     unique, which = np.unique(codes, axis=0, return_inverse=True)
-    words = [one.dictionary.to_pylist() for one in coded]
+    words = [encoded.dictionary.to_pylist() for encoded in coded]
     combinations = [tuple(words[k][code].strip() for k, code in enumerate(row)) for row in unique.tolist()]
     return which.reshape(-1), combinations
 
 
 def _as_text(column: pa.Array) -> pa.Array:
-    """Give names as they stand there, or whole numbers without a point."""
+    """Return names as they stand there, whole numbers without a decimal point."""
     if pa.types.is_floating(column.type):
         column = column.cast(pa.int64(), safe=False)
     return column.cast(pa.string()).fill_null("")
 
 
 def with_words(source: FileSource) -> FileSource:
-    """The same file, with what its cells of words say; the same object where they say nothing."""
+    """Return the file with its written times as seconds, and its signals named by the joints in its cells.
+
+    Parameters
+    ----------
+    source : FileSource
+
+    Returns
+    -------
+    FileSource
+        The same object if no cells hold such words.
+    """
     times = [name for name, cells in source.texts.items() if are_times(cells)]
     named = _named(source, {name: cells for name, cells in source.texts.items() if name not in times} | _ids(source))
     return WordedSource(source, times, named) if times or named else source
 
 
 def _named(source: FileSource, texts: Mapping[str, Sequence[str]]) -> list[_Named]:
-    found: list[_Named] = []
+    tables: list[_Named] = []
     numbers = _families([name for name in source.names if name not in source.texts])
+    # Columns of names, one for each place in a list of joints, and as many columns of numbers for every signal.
     for stem, columns in _families(texts).items():
         kind = _OF_NAMES.match(stem)
         rows = set(zip(*(texts[column] for column in columns.values()), strict=True))
@@ -143,12 +158,12 @@ def _named(source: FileSource, texts: Mapping[str, Sequence[str]]) -> list[_Name
         }
         joints = tuple(dict.fromkeys(word for row in sorted(rows) for word in row))
         if signals and len(joints) <= _MOST_JOINTS:
-            found.append(_Named(tuple(columns.values()), joints, signals))
-    return found or _a_row_a_joint(source, texts)
+            tables.append(_Named(tuple(columns.values()), joints, signals))
+    return tables or _a_row_a_joint(source, texts)
 
 
 def _a_row_a_joint(source: FileSource, texts: Mapping[str, Sequence[str]]) -> list[_Named]:
-    """Tables that have a row for every joint and instant, with the joint's name in a column."""
+    """Return tables with a row for every joint and instant, with the joint's name in a column."""
     for name, cells in texts.items():
         joints = tuple(dict.fromkeys(cell for cell in cells if cell))
         if not (_OF_NAMES.match(name) or _OF_IDS.search(name)) or not 1 < len(joints) <= min(
@@ -165,7 +180,7 @@ def _a_row_a_joint(source: FileSource, texts: Mapping[str, Sequence[str]]) -> li
 
 
 def _ids(source: FileSource) -> dict[str, tuple[str, ...]]:
-    """The first cells of a column with the number of the motor that a row is of, which changes from row to row."""
+    """Return the first cells of a column with the number of the joint that each row is of, if there is one."""
     called = next((name for name in source.names if name not in source.texts and _OF_IDS.search(name)), None)
     batch = None if called is None else next(iter(source.batches([called])), None)
     if called is None or batch is None:
@@ -178,14 +193,15 @@ def _ids(source: FileSource) -> dict[str, tuple[str, ...]]:
 
 
 def _families(names: Sequence[str] | Mapping[str, object]) -> dict[str, dict[int, str]]:
-    """Columns whose names differ by the number at their end alone: by what stands before it, and by the number."""
+    """Return columns whose names differ only by a number at the end: by what stands before it, and the number."""
     families: dict[str, dict[int, str]] = {}
     for name in names:
-        found = _COUNTED.match(name)
-        if found is not None and found["stem"]:
-            families.setdefault(found["stem"], {})[int(found["number"])] = name
+        match = _COUNTED.match(name)
+        if match is not None and match["stem"]:
+            families.setdefault(match["stem"], {})[int(match["number"])] = name
     return {
         stem: dict(sorted(places.items()))
         for stem, places in families.items()
+        # Only unbroken counts from 0 or 1 are families.
         if sorted(places) == list(range(min(places), min(places) + len(places))) and min(places) in (0, 1)
     }

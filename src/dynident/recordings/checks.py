@@ -1,4 +1,4 @@
-"""All checks of a recording in one place, and what a finding means for the file as a whole."""
+"""Run all checks of a recording, and decide what their findings mean for the file as a whole."""
 
 from __future__ import annotations
 
@@ -18,13 +18,30 @@ def run_checks(
     sample: RawSample,
     layout: Layout,
     limits: tuple[JointLimits, ...],
-    found: tuple[Check, ...],
+    earlier_checks: tuple[Check, ...],
     metadata: RecordingMetadata,
     against: ModelChecks | None = None,
 ) -> tuple[Check, ...]:
-    """Run the checks of motion and torque, `against` the robot among them, and judge them together with those of time.
+    """Run the checks of motion and torque, and take them together with those made while reading.
 
     Findings of checks that the user has accepted by name count as warnings, and are marked.
+
+    Parameters
+    ----------
+    recording : Recording
+    sample : RawSample
+        Raw rows from all over the recording.
+    layout : Layout
+    limits : one a joint
+    earlier_checks : tuple of Check
+        Made while the file was read: time, columns, conditioning.
+    metadata : RecordingMetadata
+    against : ModelChecks, optional
+        What a model of the robot says of order and signs of the columns.
+
+    Returns
+    -------
+    tuple of Check
 
     Raises
     ------
@@ -32,13 +49,13 @@ def run_checks(
         For the first finding that makes the file unusable; its `checks` hold all of them.
     """
     accept = metadata.accept
-    checks = list(found)
+    checks = list(earlier_checks)
     checks += motion_checks(recording, sample, layout, limits)
     # Wrong units would only make the evidence of torque against motion misleading.
     if not any(check.status == "error" for check in _accepted(checks, accept)):
         checks += torque_checks(recording, sample, layout, limits, against)
-    judged = cured(_accepted(checks, accept), metadata, recording.joint_names)
-    wrong = [check for check in judged if check.status == "error"]
+    final_checks = cured(_accepted(checks, accept), metadata, recording.joint_names)
+    wrong = [check for check in final_checks if check.status == "error"]
     if wrong:
         first = wrong[0]
         raise RecordingError(
@@ -47,9 +64,9 @@ def run_checks(
             title=first.name.replace("_", " ").capitalize(),
             row=first.row,
             time=first.time,
-            checks=judged,
+            checks=final_checks,
         )
-    return judged
+    return final_checks
 
 
 def _accepted(checks: list[Check], accept: tuple[str, ...]) -> tuple[Check, ...]:

@@ -1,4 +1,4 @@
-"""Checks of positions: standstill, joints that never moved, units, limits, quantisation, velocity beside position."""
+"""Checks of positions: standstill, joints that never moved, units, limits, quantisation, agreement with velocities."""
 
 from __future__ import annotations
 
@@ -36,27 +36,40 @@ STEPS_WANTED = 1000
 def motion_checks(
     recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
 ) -> list[Check]:
-    """Check the positions of the windows' rows, as they were measured."""
+    """Check the positions of the rows inside the windows, as they were measured.
+
+    Parameters
+    ----------
+    recording : Recording
+    sample : RawSample
+    layout : Layout
+    limits : one a joint
+
+    Returns
+    -------
+    list of Check
+    """
     if sample.used.sum() < 2:
         return [Check("length", "error", "The windows hold fewer than 2 rows; give wider ones.", layout.t.source)]
-    seen = _Seen(sample, limits)
+    positions = _Seen(sample, limits)
     return [
         _length(recording, layout),
-        _standstill(recording, seen, layout),
-        _moved(recording, seen, layout),
-        _units(recording, seen, layout, limits),
-        _quantisation(recording, seen, layout),
-        *_velocity(recording, seen, layout),
+        _standstill(recording, positions, layout),
+        _moved(recording, positions, layout),
+        _units(recording, positions, layout, limits),
+        _quantisation(recording, positions, layout),
+        *_velocity(recording, positions, layout),
     ]
 
 
 class _Seen:
-    """Positions of the used rows and what follows from them directly."""
+    """Positions of the used rows, with their ranges and spans."""
 
     def __init__(self, sample: RawSample, limits: tuple[JointLimits, ...]) -> None:
         used = sample.used
         self.row, self.t, self.q = sample.row[used], sample.t[used], sample.q[used]
         self.dq = None if sample.dq is None else sample.dq[used]
+        # Rows next to each other in the sample may be far apart in the file: no difference is taken across.
         self.joined = sample.joined[used] & np.concatenate([[False], np.diff(self.row) == 1])
         self.low, self.high = self.q.min(axis=0), self.q.max(axis=0)
         self.span = self.high - self.low
@@ -64,7 +77,7 @@ class _Seen:
         self.moved: BoolArray = self.span > kinds
 
     def derivative(self) -> tuple[FloatArray, BoolArray]:
-        """Give central differences (m, n) and the rows (m,) that have both neighbours."""
+        """Return central differences (m, n), and which rows (m,) have both neighbours."""
         inner = np.zeros(len(self.t), dtype=bool)
         inner[1:-1] = self.joined[1:-1] & self.joined[2:]
         speed = np.zeros_like(self.q)
@@ -89,17 +102,17 @@ def _length(recording: Recording, layout: Layout) -> Check:
     return Check("length", "ok", f"{seconds:.4g} s in {len(recording.segments)} segment(s).")
 
 
-def _standstill(recording: Recording, seen: _Seen, layout: Layout) -> Check:
-    """How much of its time every joint stands: information, since its rows there are left out by themselves."""
-    if not seen.moved.any():
+def _standstill(recording: Recording, positions: _Seen, layout: Layout) -> Check:
+    """Report how much of its time every joint stands; its rows there are left out anyway."""
+    if not positions.moved.any():
         return Check(
             "standstill",
             "error",
-            f"No joint moves between t = {seen.t[0]:.6g} and {seen.t[-1]:.6g} s (rows {seen.row[0]} to "
-            f"{seen.row[-1]}). Choose windows that hold the motion.",
+            f"No joint moves between t = {positions.t[0]:.6g} and {positions.t[-1]:.6g} s (rows {positions.row[0]} to "
+            f"{positions.row[-1]}). Choose windows that hold the motion.",
             layout.q[0].source,
-            int(seen.row[0]),
-            float(seen.t[0]),
+            int(positions.row[0]),
+            float(positions.t[0]),
         )
     shares = phase_shares(recording).standing
     stands = [f"{name} {100 * shares[j]:.2g} %" for j, name in enumerate(recording.joint_names) if shares[j] >= TOLD]
@@ -113,8 +126,8 @@ def _standstill(recording: Recording, seen: _Seen, layout: Layout) -> Check:
     )
 
 
-def _moved(recording: Recording, seen: _Seen, layout: Layout) -> Check:
-    resting = np.flatnonzero(~seen.moved)
+def _moved(recording: Recording, positions: _Seen, layout: Layout) -> Check:
+    resting = np.flatnonzero(~positions.moved)
     if not len(resting):
         return Check("joint_motion", "ok", "Every joint moves.")
     names = ", ".join(recording.joint_names[joint] for joint in resting)
@@ -122,24 +135,27 @@ def _moved(recording: Recording, seen: _Seen, layout: Layout) -> Check:
     status: Status = "ok" if recording.role == "friction" else "warning"
     detail = (
         f"Joint{'s' if len(resting) > 1 else ''} {names} never moved ({columns} spans less than "
-        f"{MOVED['revolute']:g} from row {seen.row[0]}, t = {seen.t[0]:.6g} s, to row {seen.row[-1]}): neither "
-        "its friction nor its inertia can be told from this alone. Identify from it together with runs in which the "
-        "joint moves, or lock the joint in the robot's description (locked_joints); a test of single joints has the "
-        'role "friction".'
+        f"{MOVED['revolute']:g} from row {positions.row[0]}, t = {positions.t[0]:.6g} s, to row {positions.row[-1]}): "
+        "neither its friction nor its inertia can be told from this alone. Identify from it together with runs in "
+        "which the joint moves, or lock the joint in the robot's description (locked_joints); a test of single joints "
+        'has the role "friction".'
     )
-    return Check("joint_motion", status, detail, layout.q[resting[0]].source, int(seen.row[0]), float(seen.t[0]))
+    return Check(
+        "joint_motion", status, detail, layout.q[resting[0]].source, int(positions.row[0]), float(positions.t[0])
+    )
 
 
-def _units(recording: Recording, seen: _Seen, layout: Layout, limits: tuple[JointLimits, ...]) -> Check:
-    speed, inner = seen.derivative()
+def _units(recording: Recording, positions: _Seen, layout: Layout, limits: tuple[JointLimits, ...]) -> Check:
+    speed, inner = positions.derivative()
+    # Not the maximum: a single corrupted sample would make any joint too fast.
     fastest = np.percentile(np.abs(speed[inner]), 99.0, axis=0) if inner.any() else np.zeros(recording.n)
     doubtful: Check | None = None
     for joint, limit in enumerate(limits):
         column = layout.q[joint].source
-        row = int(np.abs(seen.q[:, joint]).argmax())
-        low, high, rate = float(seen.low[joint]), float(seen.high[joint]), float(fastest[joint])
+        row = int(np.abs(positions.q[:, joint]).argmax())
+        low, high, rate = float(positions.low[joint]), float(positions.high[joint]), float(fastest[joint])
         small, unit, ours = (DEGREE, "deg", "rad") if limit.kind == "revolute" else (1e-3, "mm", "m")
-        where = int(seen.row[row]), float(seen.t[row])
+        where = int(positions.row[row]), float(positions.t[row])
         if _is_counted(limit, low, high):
             return Check(
                 "position_unit",
@@ -153,7 +169,9 @@ def _units(recording: Recording, seen: _Seen, layout: Layout, limits: tuple[Join
             )
         if _other_unit(limit, low, high, rate, small):
             # Of whole numbers a unit that fits is not enough to be taken unasked.
-            counts = limit.kind == "revolute" and bool((seen.q[:, joint] == np.rint(seen.q[:, joint])).mean() > WHOLE)
+            counts = limit.kind == "revolute" and bool(
+                (positions.q[:, joint] == np.rint(positions.q[:, joint])).mean() > WHOLE
+            )
             also = ' Whole numbers may be the counts of an encoder, too: "counts:4096" a turn.' if counts else ""
             return Check(
                 "position_unit",
@@ -182,14 +200,14 @@ def _units(recording: Recording, seen: _Seen, layout: Layout, limits: tuple[Join
 
 
 def _of_all_alike(kind: str, unit: str, limit: JointLimits, limits: tuple[JointLimits, ...]) -> dict[str, str]:
-    """A unit of the signals of all joints of one kind."""
+    """Return the units of a signal of all joints of one kind."""
     if all(other.kind == limit.kind for other in limits):
         return {kind: unit}
     return {f"{kind}{k + 1}": unit for k, other in enumerate(limits) if other.kind == limit.kind}
 
 
 def _other_unit(limit: JointLimits, low: float, high: float, rate: float, small: float) -> bool:
-    """Tell whether a position makes sense in degrees (millimetres), and none in ours."""
+    """Return whether a position makes sense in degrees (millimetres), and none in radians (metres)."""
     if limit.position is not None:
         lower, upper = limit.position
         slack = 0.1 * (upper - lower)
@@ -202,7 +220,7 @@ def _other_unit(limit: JointLimits, low: float, high: float, rate: float, small:
 
 
 def _is_counted(limit: JointLimits, low: float, high: float) -> bool:
-    """Tell whether an angle is far from a joint's, in degrees as well."""
+    """Return whether an angle is far from any that a joint takes, in degrees as well."""
     if limit.kind != "revolute":
         return False
     farthest = max(abs(low), abs(high))
@@ -211,10 +229,11 @@ def _is_counted(limit: JointLimits, low: float, high: float) -> bool:
     return farthest > MOST_TURNS and farthest > MOST_TURNS * max(map(abs, limit.position))
 
 
-def _quantisation(recording: Recording, seen: _Seen, layout: Layout) -> Check:
-    counting = seen.moved & (seen.span > 0.05 * seen.span.max())
-    steps = [_step(seen.q[:, joint]) if counting[joint] else 0.0 for joint in range(recording.n)]
-    levels = [seen.span[joint] / step if step else np.inf for joint, step in enumerate(steps)]
+def _quantisation(recording: Recording, positions: _Seen, layout: Layout) -> Check:
+    # A joint that hardly moves passes few steps of any encoder: that says nothing of the log.
+    counting = positions.moved & (positions.span > 0.05 * positions.span.max())
+    steps = [_step(positions.q[:, joint]) if counting[joint] else 0.0 for joint in range(recording.n)]
+    levels = [positions.span[joint] / step if step else np.inf for joint, step in enumerate(steps)]
     worst = int(np.argmin(levels))
     if not steps[worst]:
         return Check("quantisation", "ok", "Positions come in no visible steps.")
@@ -224,23 +243,24 @@ def _quantisation(recording: Recording, seen: _Seen, layout: Layout) -> Check:
     advice = (
         "" if status == "ok" else " Log the encoder with all its digits, or move farther: steps become acceleration."
     )
-    changes = np.flatnonzero(np.diff(seen.q[:, worst]) != 0)
+    changes = np.flatnonzero(np.diff(positions.q[:, worst]) != 0)
     row = int(changes[0]) + 1 if len(changes) else 0
     return Check(
         "quantisation",
         status,
         f"{layout.q[worst].source} comes in steps of {steps[worst]:.3g}, {levels[worst]:.3g} of them over its motion "
-        f"(the first in row {seen.row[row]}).{advice}",
+        f"(the first in row {positions.row[row]}).{advice}",
         layout.q[worst].source,
-        int(seen.row[row]),
-        float(seen.t[row]),
+        int(positions.row[row]),
+        float(positions.t[row]),
     )
 
 
 def _step(values: FloatArray) -> float:
-    """Give the step that a signal comes in, 0 where it shows none."""
+    """Return the step that a signal comes in, 0 if it shows none."""
     levels = np.unique(values)
     levels = levels[np.concatenate([[True], np.diff(levels) > 1e-9 * max(float(np.ptp(values)), 1e-300)])]
+    # Hardly any value occurs twice: the signal is continuous, or noise is larger than the steps.
     if len(levels) < 3 or len(levels) > 0.5 * len(values):
         return 0.0
     gaps = np.diff(levels)
@@ -250,30 +270,33 @@ def _step(values: FloatArray) -> float:
     return step if np.median(np.abs(whole - np.rint(whole))) < 0.05 else 0.0
 
 
-def _velocity(recording: Recording, seen: _Seen, layout: Layout) -> list[Check]:
-    if seen.dq is None:
+def _velocity(recording: Recording, positions: _Seen, layout: Layout) -> list[Check]:
+    if positions.dq is None:
         return []
-    speed, inner = seen.derivative()
-    for joint in np.flatnonzero(seen.moved):
-        given, own = seen.dq[inner, joint], speed[inner, joint]
-        if not np.isfinite(given).all() or not given.any() or not own.any():
+    speed, inner = positions.derivative()
+    for joint in np.flatnonzero(positions.moved):
+        logged, derivative = positions.dq[inner, joint], speed[inner, joint]
+        if not np.isfinite(logged).all() or not logged.any() or not derivative.any():
             continue
-        alike = float(given @ own / np.sqrt((given @ given) * (own @ own)))
+        # The correlation of the logged velocity with the derivative, without means: both are 0 at rest.
+        alike = float(logged @ derivative / np.sqrt((logged @ logged) * (derivative @ derivative)))
         if abs(alike) < 0.7:
             continue
-        found = _ratio(layout.dq[joint], layout.q[joint], float(np.sqrt((given @ given) / (own @ own))), alike)
-        if found is not None:
-            row = int(np.flatnonzero(inner)[np.abs(given).argmax()])
-            status, detail, units = found
-            where = f" (fastest in row {seen.row[row]})."
+        mismatch = _ratio(
+            layout.dq[joint], layout.q[joint], float(np.sqrt((logged @ logged) / (derivative @ derivative))), alike
+        )
+        if mismatch is not None:
+            row = int(np.flatnonzero(inner)[np.abs(logged).argmax()])
+            status, detail, units = mismatch
+            where = f" (fastest in row {positions.row[row]})."
             return [
                 Check(
                     "velocity_unit",
                     status,
                     detail + where,
                     layout.dq[joint].source,
-                    int(seen.row[row]),
-                    float(seen.t[row]),
+                    int(positions.row[row]),
+                    float(positions.t[row]),
                     Revision(units=units) if units else None,
                 )
             ]
@@ -281,7 +304,7 @@ def _velocity(recording: Recording, seen: _Seen, layout: Layout) -> list[Check]:
 
 
 def _ratio(velocity: Column, position: Column, ratio: float, alike: float) -> tuple[Status, str, dict[str, str]] | None:
-    known = {
+    known_ratios = {
         1.0 / DEGREE: (
             'one is in degrees, the other in radians. Say "units": {"dq": "deg/s"}, or {"q": …}',
             {"dq": "deg/s"},
@@ -290,7 +313,7 @@ def _ratio(velocity: Column, position: Column, ratio: float, alike: float) -> tu
         30.0 / pi: ('that is rpm. Say "units": {"dq": "rpm"}', {"dq": "rpm"}),
     }
     claim = f"{velocity.source} is {ratio:.4g} times the derivative of {position.source}"
-    for factor, (meaning, units) in known.items():
+    for factor, (meaning, units) in known_ratios.items():
         if abs(ratio / factor - 1.0) < 0.1:
             return "error", f"{claim}: {meaning}", units
     if alike < 0.0:

@@ -42,30 +42,49 @@ def torque_checks(
     limits: tuple[JointLimits, ...],
     against: ModelChecks | None = None,
 ) -> list[Check]:
-    """Check the torques of the windows' rows: by themselves, then against the motion.
+    """Check the torques of the rows inside the windows: by themselves, then against the motion.
 
     What a model of the robot says of order and signs goes before what friction alone tells.
+
+    Parameters
+    ----------
+    recording : Recording
+    sample : RawSample
+    layout : Layout
+    limits : one a joint
+    against : ModelChecks, optional
+        What a model of the robot says.
+
+    Returns
+    -------
+    list of Check
     """
     checks = [_saturation(sample, layout, limits), _constant(recording, sample, layout)]
     if checks[-1].status == "warning":
         # Motors that are off: there is nothing to hold against the motion.
         return checks
     wrong = [check for check in checks if check.status == "error"]
-    told = None if wrong and wrong[0].name != "constant_torque" else _told_by_the_robot(recording, layout, against)
+    model_checks = (
+        None if wrong and wrong[0].name != "constant_torque" else _told_by_the_robot(recording, layout, against)
+    )
     if wrong:
         # A command against gravity has no torque at all where gravity has none: that is then what is wrong.
-        return [*(one for one in told or () if one.name == COMMANDED), *checks]
-    if any(one.name in ("torque_order", COMMANDED) for one in told or ()):
+        return [*(doubt for doubt in model_checks or () if doubt.name == COMMANDED), *checks]
+    if any(doubt.name in ("torque_order", COMMANDED) for doubt in model_checks or ()):
         # By all of the torque, where the corners of friction alone call right recordings early; and not beside another
         # mistake, which looks like a delay as well.
-        return [*checks, *(told or ()), Check("torque_alignment", "ok", f"Told by the robot's dynamics: {DELAY}.")]
+        return [
+            *checks,
+            *(model_checks or ()),
+            Check("torque_alignment", "ok", f"Told by the robot's dynamics: {DELAY}."),
+        ]
     evidence = against_motion.gather(recording)
     if evidence is None:
         nothing = "The recording is too short, or moves too little, to tell without a model."
         silent = (Check(name, "ok", nothing) for name in ("torque_order", "torque_sign", "torque_alignment"))
-        return [*checks, *silent, *(told or ())]
+        return [*checks, *silent, *(model_checks or ())]
     columns = _columns(recording, evidence, layout, sample)
-    return [*checks, *columns, _alignment(recording, evidence, layout, sample), *(told or ())]
+    return [*checks, *columns, _alignment(recording, evidence, layout, sample), *(model_checks or ())]
 
 
 def _told_by_the_robot(recording: Recording, layout: Layout, against: ModelChecks | None) -> tuple[Check, ...] | None:
@@ -74,7 +93,7 @@ def _told_by_the_robot(recording: Recording, layout: Layout, against: ModelCheck
 
 
 def _columns(recording: Recording, evidence: Evidence, layout: Layout, sample: RawSample) -> tuple[Check, ...]:
-    """Whether every torque is that of its joint, and turned the right way, as friction tells."""
+    """Check whether every torque is that of its joint, and has the right sign, as friction tells."""
     order = _order(recording, evidence, layout, sample)
     # A torque of another joint's has no sign to speak of.
     return (order, *(_sign(recording, evidence, layout, sample) if order.status == "ok" else ()))
@@ -89,6 +108,7 @@ def _saturation(sample: RawSample, layout: Layout, limits: tuple[JointLimits, ..
         effort = limits[joint].effort
         if effort is not None and np.ptp(tau[:, joint]) > 0:
             at_limit = np.abs(np.abs(tau[:, joint]) / effort - 1.0) < SATURATED if effort > 0 else flat
+            # A convolution with ones counts the neighbours at the limit: single rows are no plateau.
             flat |= at_limit & (np.convolve(at_limit, np.ones(RUN), "same") >= RUN)
         share = float(flat.mean())
         if share > most and flat.sum() >= RUN:
@@ -110,7 +130,7 @@ def _saturation(sample: RawSample, layout: Layout, limits: tuple[JointLimits, ..
 
 
 def _without(flat: BoolArray, t: FloatArray) -> Revision | None:
-    """The stretches of t around plateaus left out; None where they are too many to be a cure."""
+    """Return a revision that excludes the times around plateaus; None if they are too many to be a cure."""
     at = t[flat]
     starts = np.concatenate([[True], np.diff(at) > 2.0 * AROUND])
     first = np.flatnonzero(starts)
@@ -133,6 +153,8 @@ def _plateaus(tau: FloatArray) -> BoolArray:
         edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
         for start, end in zip(edges[::2], edges[1::2], strict=True):
             steps = np.abs(np.diff(tau[max(0, start - 20) : end + 20]))
+            # Around a plateau the signal changes from row to row; where it does not, torque is constant there, not
+            # cut off.
             changing = np.count_nonzero(steps) > 0.2 * max(1, len(steps) - (end - start))
             if end - start >= RUN and changing:
                 marks[start:end] = True
@@ -164,10 +186,12 @@ def _constant(recording: Recording, sample: RawSample, layout: Layout) -> Check:
     )
     cure = None
     if len(constant) < np.count_nonzero(recording.has_torque):
-        told = ", ".join(f'"tau{one + 1}": "{NOT_RECORDED}"' for one in constant)
-        names = " and ".join(recording.joint_names[one] for one in constant)
-        detail += f' To leave the equation of {names} out and use the motion all the same, say "columns": {{{told}}}.'
-        cure = Revision(columns={f"tau{one + 1}": NOT_RECORDED for one in constant})
+        entries = ", ".join(f'"tau{k + 1}": "{NOT_RECORDED}"' for k in constant)
+        names = " and ".join(recording.joint_names[k] for k in constant)
+        detail += (
+            f' To leave the equation of {names} out and use the motion all the same, say "columns": {{{entries}}}.'
+        )
+        cure = Revision(columns={f"tau{k + 1}": NOT_RECORDED for k in constant})
     return Check("constant_torque", "error", detail, layout.tau[joint].source, row, time, cure)
 
 
@@ -175,6 +199,7 @@ def _order(recording: Recording, evidence: Evidence, layout: Layout, sample: Raw
     shares = against_motion.ownership(evidence)
     n = recording.n
     certainty = np.log(shares + LEAST_OWNED)
+    # The order of all torques together that explains them best: joint by joint, one torque could be given away twice.
     owner = linear_sum_assignment(-certainty)[1].astype(np.int64)
     swapped = [
         joint
@@ -202,22 +227,22 @@ def _order(recording: Recording, evidence: Evidence, layout: Layout, sample: Raw
 
 
 def _reordered(owner: IntArray, swapped: list[int]) -> Revision:
-    """Every torque to the joint whose friction it shows, in the cycles that are surely exchanged."""
+    """Return a revision that gives each torque to the joint whose friction it shows, in surely exchanged cycles."""
     order = list(range(1, len(owner) + 1))
-    for column in {one for joint in swapped for one in _cycle(owner, joint)}:
+    for column in {member for joint in swapped for member in _cycle(owner, joint)}:
         order[owner[column]] = column + 1
     return Revision(permutation={"tau": tuple(order)})
 
 
 def _surely_swapped(shares: FloatArray, certainty: FloatArray, owner: IntArray, joint: int) -> bool:
-    """Tell whether every joint of a cycle explains its new torque clearly better than its old one."""
+    """Return whether every joint of a cycle explains its new torque clearly better than its old one."""
     cycle = _cycle(owner, joint)
-    each = all(shares[i, owner[i]] >= max(OWNED, 2.0 * shares[i, i]) for i in cycle)
-    return each and float(np.mean([certainty[i, owner[i]] - certainty[i, i] for i in cycle])) > np.log(SWAPPED)
+    all_better = all(shares[i, owner[i]] >= max(OWNED, 2.0 * shares[i, i]) for i in cycle)
+    return all_better and float(np.mean([certainty[i, owner[i]] - certainty[i, i] for i in cycle])) > np.log(SWAPPED)
 
 
 def _cycle(owner: IntArray, joint: int) -> list[int]:
-    """Give the joints that change places together with `joint`."""
+    """Return the joints that change places together with `joint`."""
     cycle = [joint]
     while int(owner[cycle[-1]]) != joint:
         cycle.append(int(owner[cycle[-1]]))
@@ -229,6 +254,7 @@ def _sign(recording: Recording, evidence: Evidence, layout: Layout, sample: RawS
     doubtful: list[int] = []
     for joint in np.flatnonzero(evidence.moving):
         friction, inertia = against_motion.direction(evidence, int(joint))
+        # Both figures are in standard errors: their sum over √2 is in standard errors again, if they are independent.
         together = (friction + inertia) / np.sqrt(2.0)
         if friction < 0.0 and inertia < 0.0 and together < AGAINST_DOUBT:
             (certain if together < AGAINST_CERTAIN else doubtful).append(int(joint))
@@ -260,6 +286,7 @@ def _alignment(recording: Recording, evidence: Evidence, layout: Layout, sample:
     steady = against_motion.lag(evidence, steady_only=True)
     if whole is None or steady is None:
         return Check("torque_alignment", "ok", "How torque and position are aligned cannot be told without a model.")
+    # Presliding friction delays torque at reversals as well: the rows clear of reversals have to agree.
     certain = (
         whole.seconds * steady.seconds > 0.0
         and abs(whole.seconds) > 4.0 * whole.error

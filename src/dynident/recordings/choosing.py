@@ -1,4 +1,4 @@
-"""Choosing the filters from the data: as wide as the motion needs, as narrow as the noise asks."""
+"""Choose the filters from the data: cut-offs as high as the motion needs, and as low as the noise demands."""
 
 from __future__ import annotations
 
@@ -74,6 +74,15 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     explained by filtered positions. Theirs lies half an octave higher, as far as that share stays below 1 % there. Rows
     are decimated to no less than 4 times the torque cut-off.
 
+    Parameters
+    ----------
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    Preprocessing
+        With the reasons for its values.
+
     Raises
     ------
     DynidentError
@@ -83,17 +92,19 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
         raise ValueError("no recordings to choose from")
     if all(is_of_poses(recording) for recording in recordings):
         return Preprocessing(None, None, 1, reasons=("Poses at rest: nothing is filtered.",))
-    found = [_bands_of(recording) for recording in recordings]
+    all_bands = [_bands_of(recording) for recording in recordings]
     rate = min(recording.sampling_rate for recording in recordings)
-    motion = max(bands.motion for bands in found)
-    noisiest = min(found, key=lambda bands: bands.noise)
-    wanted, ceiling = HARMONICS * motion, NYQUIST_SHARE * 0.5 * rate
-    cutoff = _rounded(min(wanted, max(noisiest.noise, LEAST_HARMONICS * motion), ceiling))
-    wider = min(WIDER * wanted, min(bands.little_noise for bands in found), ceiling)
+    motion = max(bands.motion for bands in all_bands)
+    noisiest = min(all_bands, key=lambda bands: bands.noise)
+    needed, ceiling = HARMONICS * motion, NYQUIST_SHARE * 0.5 * rate
+    # In this order: what the motion needs, but no more than noise allows, except for the least number of harmonics,
+    # and never beyond the Nyquist frequency.
+    cutoff = _rounded(min(needed, max(noisiest.noise, LEAST_HARMONICS * motion), ceiling))
+    wider = min(WIDER * needed, min(bands.little_noise for bands in all_bands), ceiling)
     position = max(cutoff, _rounded(wider))
     first = "Torque" if position > cutoff else "Position"
     because = f"{first} cut-off {cutoff:g} Hz: the motion lies below {motion:.2g} Hz (99 % of the velocity's power)"
-    if wanted <= min(noisiest.noise, ceiling):
+    if needed <= min(noisiest.noise, ceiling):
         because += f", and {HARMONICS:g} times that keeps its products and the corners of friction."
     elif noisiest.noise < ceiling:
         because += (
@@ -107,7 +118,16 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
 
 
 def motion_band(recordings: Sequence[Recording]) -> float:
-    """Give the frequency in Hz below which 99 % of the velocity's power lies, as `choose_preprocessing` finds it.
+    """Return the frequency below which 99 % of the velocity's power lies, as `choose_preprocessing` finds it.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    float
+        Hz, the highest of the recordings.
 
     Raises
     ------
@@ -120,11 +140,17 @@ def motion_band(recordings: Sequence[Recording]) -> float:
 def preprocessing_from_request(
     request: Mapping[str, object] | str | None, recordings: Sequence[Recording]
 ) -> Preprocessing:
-    """Give the preprocessing that a user asked for; what the user left open is chosen from the data.
+    """Return the preprocessing that a user asked for; what the user left open is chosen from the data.
 
     Parameters
     ----------
-    request : mapping of any of position_cutoff, torque_cutoff, decimation, filter_order; "auto" or None: all open
+    request : mapping, "auto" or None
+        Any of position_cutoff, torque_cutoff, decimation, filter_order; "auto" or None leave all open.
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    Preprocessing
 
     Raises
     ------
@@ -132,47 +158,50 @@ def preprocessing_from_request(
         For a value that is impossible: names the Nyquist frequency, and points to "/preprocessing/…".
     """
     rate = min(recording.sampling_rate for recording in recordings)
-    given = {} if request is None or request == "auto" else values_from_request(request)
-    if not given:
+    fields = {} if request is None or request == "auto" else values_from_request(request)
+    if not fields:
         return choose_preprocessing(recordings)
-    if "position_cutoff" in given and "torque_cutoff" in given:
-        asked = Preprocessing(_cutoff(given, "position_cutoff"), _cutoff(given, "torque_cutoff"))
+    if "position_cutoff" in fields and "torque_cutoff" in fields:
+        preprocessing = Preprocessing(_cutoff(fields, "position_cutoff"), _cutoff(fields, "torque_cutoff"))
     else:
-        chosen = choose_preprocessing(recordings)
-        position = _cutoff(given, "position_cutoff") if "position_cutoff" in given else chosen.position_cutoff
-        if "torque_cutoff" in given:
-            torque = _cutoff(given, "torque_cutoff")
+        automatic = choose_preprocessing(recordings)
+        position = _cutoff(fields, "position_cutoff") if "position_cutoff" in fields else automatic.position_cutoff
+        if "torque_cutoff" in fields:
+            torque = _cutoff(fields, "torque_cutoff")
         else:
             # Torque is worth no more than the positions that have to explain it.
-            torque = chosen.torque_cutoff if position is None else min(position, NYQUIST_SHARE * 0.5 * rate)
-        reasons = chosen.reasons if position == chosen.position_cutoff else (_about_torque(torque),)
-        asked = Preprocessing(position, torque, reasons=reasons)
-    asked = replace(asked, filter_order=int(given.get("filter_order", asked.filter_order) or 0))
-    if "decimation" in given:
-        asked = replace(asked, decimation=int(given["decimation"] or 0))
+            torque = automatic.torque_cutoff if position is None else min(position, NYQUIST_SHARE * 0.5 * rate)
+        reasons = automatic.reasons if position == automatic.position_cutoff else (_about_torque(torque),)
+        preprocessing = Preprocessing(position, torque, reasons=reasons)
+    preprocessing = replace(
+        preprocessing, filter_order=int(fields.get("filter_order", preprocessing.filter_order) or 0)
+    )
+    if "decimation" in fields:
+        preprocessing = replace(preprocessing, decimation=int(fields["decimation"] or 0))
     else:
-        asked.check_against(rate)
-        asked = _with_decimation(asked, rate)
-    named = ", ".join(f"{name} {value:g}" if value is not None else f"no {name}" for name, value in given.items())
-    asked = replace(asked, reasons=(*asked.reasons, f"Given: {named}."))
-    asked.check_against(rate)
-    return asked
+        preprocessing.check_against(rate)
+        preprocessing = _with_decimation(preprocessing, rate)
+    named = ", ".join(f"{name} {value:g}" if value is not None else f"no {name}" for name, value in fields.items())
+    preprocessing = replace(preprocessing, reasons=(*preprocessing.reasons, f"Given: {named}."))
+    preprocessing.check_against(rate)
+    return preprocessing
 
 
-def _cutoff(given: Mapping[str, float | int | None], name: str) -> float | None:
-    value = given[name]
+def _cutoff(fields: Mapping[str, float | int | None], name: str) -> float | None:
+    value = fields[name]
     return None if value is None else float(value)
 
 
-def _with_decimation(chosen: Preprocessing, rate: float) -> Preprocessing:
-    if chosen.torque_cutoff is None:
-        return chosen
-    decimation = max(1, floor(rate / (OVERSAMPLING * chosen.torque_cutoff)))
+def _with_decimation(preprocessing: Preprocessing, rate: float) -> Preprocessing:
+    if preprocessing.torque_cutoff is None:
+        return preprocessing
+    decimation = max(1, floor(rate / (OVERSAMPLING * preprocessing.torque_cutoff)))
+    ratio = rate / decimation / preprocessing.torque_cutoff
     because = (
-        f"Decimation by {decimation}, to {rate / decimation:.3g} Hz, {rate / decimation / chosen.torque_cutoff:.2g} "
+        f"Decimation by {decimation}, to {rate / decimation:.3g} Hz, {ratio:.2g} "
         "times the torque cut-off: rows closer together repeat each other."
     )
-    return replace(chosen, decimation=decimation, reasons=(*chosen.reasons, because))
+    return replace(preprocessing, decimation=decimation, reasons=(*preprocessing.reasons, because))
 
 
 def _about_positions(cutoff: float) -> str:
@@ -189,35 +218,38 @@ _known: WeakKeyDictionary[Recording, _Bands] = WeakKeyDictionary()
 
 
 def _bands_of(recording: Recording) -> _Bands:
-    """The bands of a recording, found once: its spectra take as long as reading it."""
+    """Return the bands of a recording, computed once: its spectra take as long as reading it."""
     if recording not in _known:
         _known[recording] = _bands(spectra(recording))
     return _known[recording]
 
 
-def _bands(found: Spectra) -> _Bands:
-    step = found.frequency[1]
-    gain = found.velocity_gain[:, None]
-    noise = found.noise * gain
+def _bands(averages: Spectra) -> _Bands:
+    step = averages.frequency[1]
+    gain = averages.velocity_gain[:, None]
+    noise = averages.noise * gain
     motion: list[float] = []
     limit: list[float] = []
     little: list[float] = []
-    power = np.maximum(found.velocity - noise, 0.0)
+    # The motion's own power, without that of the noise.
+    power = np.maximum(averages.velocity - noise, 0.0)
     moving = np.flatnonzero(power.sum(axis=0) > MOVING**2 * power.sum(axis=0).max())
-    reach = LINES_APART * float(found.frequency[3:][int(np.argmax(power[3:].sum(axis=1)))])
-    slow = power[found.frequency <= reach].sum(axis=0)
+    reach = LINES_APART * float(averages.frequency[3:][int(np.argmax(power[3:].sum(axis=1)))])
+    slow = power[averages.frequency <= reach].sum(axis=0)
     for joint in moving:
+        # Of a joint that hardly moves, lines beyond a gap may be those of vibration.
         own_reach = reach if slow[joint] > CREEPING**2 * slow.max() else 0.0
-        band = _band(found.frequency, found.velocity[:, joint], noise[:, joint], found.windows, own_reach)
+        band = _band(averages.frequency, averages.velocity[:, joint], noise[:, joint], averages.windows, own_reach)
         if power[:band, joint].sum() <= 0.0:
             continue
         below = np.cumsum(power[:band, joint]) / power[:band, joint].sum()
-        motion.append(found.frequency[int(np.searchsorted(below, MOTION_SHARE))])
+        motion.append(averages.frequency[int(np.searchsorted(below, MOTION_SHARE))])
         own = float((power[:band, joint] * gain[:band, 0]).sum())
+        # Noise in the acceleration, up to each frequency: its density grows with the fourth power of the frequency.
         spoiled = np.cumsum(noise[:, joint] * gain[:, 0])
         for share, limits in ((NOISE_SHARE, limit), (WIDER_NOISE_SHARE, little)):
-            limits.append(found.frequency[min(int(np.searchsorted(spoiled, share**2 * own)), len(gain) - 1)])
-    rms = np.sqrt(found.noise[moving] * 0.5 * found.rate)
+            limits.append(averages.frequency[min(int(np.searchsorted(spoiled, share**2 * own)), len(gain) - 1)])
+    rms = np.sqrt(averages.noise[moving] * 0.5 * averages.rate)
     if not motion:
         raise RecordingError(
             "No joint moves in the windows of the recording: there is nothing to choose the filters from.",
@@ -229,7 +261,7 @@ def _bands(found: Spectra) -> _Bands:
 
 
 def _band(frequency: FloatArray, power: FloatArray, noise: FloatArray, windows: int, reach: float) -> int:
-    """Give the number of frequencies from 0 on, up to where the motion sinks into the noise and does not rise again.
+    """Return the number of frequencies, from 0 on, below which the motion is above the noise.
 
     A periodic motion is a row of lines a base frequency apart, with noise between them and below the first. A gap is
     therefore crossed where the lines within `reach` (Hz), `LINES_APART` times the frequency of the strongest one, which
@@ -237,6 +269,7 @@ def _band(frequency: FloatArray, power: FloatArray, noise: FloatArray, windows: 
     farther from the motion, or hold less.
     """
     first = 3
+    # The lowest frequencies hold what the taper leaks from zero.
     sunk = first + np.flatnonzero(power[first:] < SUNK * noise[first:])
     # A mean of so many squared normal pairs exceeds this in one of 10⁵ frequencies of noise alone.
     bar = max(SUNK, float(special.gammainccinv(windows, 1e-5)) / windows)

@@ -1,4 +1,4 @@
-"""Which column of a file is which signal of which joint, and how it becomes SI."""
+"""Match the columns of a file with the signals of the robot's joints, and give their conversion to SI."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Column:
     offset: float = 0.0
 
     def convert(self, values: FloatArray) -> FloatArray:
-        """Give the values in SI units (temperature in degC)."""
+        """Return the values in SI units (temperature in degC)."""
         if self.factor == 1.0 and self.offset == 0.0:
             return values
         return values * self.factor + self.offset
@@ -66,12 +66,12 @@ class Layout:
 
     @property
     def needed(self) -> IntArray:
-        """Which of `columns` have to hold a number in every row: not dq, ddq, q_command; temperature is held."""
+        """Which of `columns` have to hold a number in every row: q, tau and the wrench."""
         needed = [kind in ("q", "tau", "wrench") for kind in self.kinds for _ in getattr(self, kind)]
         return np.flatnonzero(needed)
 
     def place(self, kind: str) -> slice:
-        """Where the columns of a kind stand among all; empty where there are none."""
+        """Return the slice of a kind's columns among all; empty if there are none."""
         first = 0
         for other in self.kinds:
             if other == kind:
@@ -96,6 +96,12 @@ def find_columns(
     metadata : RecordingMetadata
         `columns` and `units` are used.
 
+    Returns
+    -------
+    Layout
+    Check
+        Says what torque is made from.
+
     Raises
     ------
     RecordingError
@@ -118,6 +124,7 @@ def find_columns(
             tau.append(_torque_of(current, joints.names[joint], gains[joint]))
             from_current.append(current.source)
             if coupling is not None:
+                # Only motor torques are mixed: a column of joint torque stays as it is (a row of the identity).
                 mixing[joint] = coupling[joint]
         else:
             raise finder.missing("tau", joint, f" or a current ({_or('current', joints.names[joint], joint)})")
@@ -156,27 +163,38 @@ def _torque_of(current: Column, joint_name: str, gain: float | None) -> Column:
 
 
 def mark_not_recorded(position: Column) -> Column:
-    """Give the column of a torque that was not recorded: zero in every row that has the joint's position."""
+    """Return the column of a torque that was not recorded: zero in every row that has the joint's position."""
     return Column(position.source, 0.0)
 
 
 def surplus_columns(names: Sequence[str], n: int, metadata: RecordingMetadata) -> Check | None:
-    """The finding that a file has columns of one more joint than the robot's n; None where it has not.
+    """Check whether a file has columns of one more joint than the robot.
 
     Columns are counted in the robot's order: where it lacks a joint of the file that is not the last one, all joints
     behind it would be taken for others.
+
+    Parameters
+    ----------
+    names : the file's columns
+    n : int
+        Number of the robot's joints.
+    metadata : RecordingMetadata
+
+    Returns
+    -------
+    Check or None
     """
     mapped = {name.casefold() for name in metadata.columns.values()}
-    there = {name.casefold(): name for name in names if name.casefold() not in mapped}
-    found = [there[name] for name in (f"q{n + 1}", f"tau{n + 1}", f"current{n + 1}") if name in there]
-    if len(found) < 2:
+    unmapped = {name.casefold(): name for name in names if name.casefold() not in mapped}
+    surplus = [unmapped[name] for name in (f"q{n + 1}", f"tau{n + 1}", f"current{n + 1}") if name in unmapped]
+    if len(surplus) < 2:
         return None
     return Check(
         "joint_columns",
         "warning",
-        f"The file has {' and '.join(found)}, and the robot {n} joints: columns are counted in its order, and these "
+        f"The file has {' and '.join(surplus)}, and the robot {n} joints: columns are counted in its order, and these "
         "are not used. If the joint that the robot lacks is not the last one of the file, map the others by columns.",
-        column=found[0],
+        column=surplus[0],
     )
 
 
@@ -210,26 +228,30 @@ class _Finder:
         self._check_mapping()
 
     def find(self, kind: str, joint: int | None) -> Column | None:
-        """Find the column of a signal of a joint (None: of a signal that belongs to no joint)."""
-        read = None if joint is None else self.arrangement.read(kind, joint)
-        ours = (kind,) if read is None else (f"{kind}_{self.joint_names[read]}", f"{kind}{read + 1}")
+        """Return the column of a signal of a joint (None: of a signal that belongs to no joint)."""
+        source_joint = None if joint is None else self.arrangement.read(kind, joint)
+        ours = (
+            (kind,)
+            if source_joint is None
+            else (f"{kind}_{self.joint_names[source_joint]}", f"{kind}{source_joint + 1}")
+        )
         source = self._source(ours)
         if source is None:
             return None
-        joint_kind: JointKind | None = None if read is None else self.limits[read].kind
+        joint_kind: JointKind | None = None if source_joint is None else self.limits[source_joint].kind
         unit, key = unit_for(self.metadata.units, kind, ours)
         factor, offset = conversion(kind, joint_kind, unit, key)
         times = 1.0 if joint is None else self.arrangement.factor(kind, joint)
         return Column(source, factor * times, offset * times)
 
     def has_no_torque(self, joint: int) -> bool:
-        """Tell whether the user says that the torque of a joint was not recorded."""
-        read = self.arrangement.read("tau", joint)
-        ours = (f"tau_{self.joint_names[read]}", f"tau{read + 1}")
+        """Return whether the user says that the torque of a joint was not recorded."""
+        source_joint = self.arrangement.read("tau", joint)
+        ours = (f"tau_{self.joint_names[source_joint]}", f"tau{source_joint + 1}")
         return self._source(ours) == NOT_RECORDED and NOT_RECORDED not in self.names
 
     def needed(self, kind: str, joint: int | None) -> Column:
-        """Find a column without which nothing can be read.
+        """Return a column without which nothing can be read.
 
         Raises
         ------
@@ -242,18 +264,18 @@ class _Finder:
         return column
 
     def find_plain(self, name: str) -> Column | None:
-        """Find a column that has no unit."""
+        """Return a column that has no unit."""
         source = self._source((name,))
         return None if source is None else Column(source)
 
     def find_all(self, kind: str) -> tuple[Column, ...]:
-        """Find an optional signal of every joint; nothing if one joint lacks it."""
-        found = [self.find(kind, joint) for joint in range(len(self.joint_names))]
-        present = tuple(column for column in found if column is not None)
-        return present if len(present) == len(found) else ()
+        """Return the columns of an optional signal of every joint; none if one joint lacks it."""
+        columns = [self.find(kind, joint) for joint in range(len(self.joint_names))]
+        present = tuple(column for column in columns if column is not None)
+        return present if len(present) == len(columns) else ()
 
     def find_wrench(self) -> tuple[Column, ...]:
-        """Find the six columns of the base's wrench; nothing where there is none of them.
+        """Return the six columns of the base's wrench; none if the file has none of them.
 
         Raises
         ------
@@ -270,19 +292,19 @@ class _Finder:
                 pointer=f"/columns/{absent[0]}",
                 title="Missing column",
             )
-        found = []
+        columns = []
         for name, source in zip(WRENCH_NAMES, sources, strict=True):
             assert source is not None
             kind = "base_force" if name.startswith("base_f") else "base_moment"
             unit, key = unit_for(self.metadata.units, kind, (name,))
-            found.append(Column(source, *conversion(kind, None, unit, key)))
-        return tuple(found)
+            columns.append(Column(source, *conversion(kind, None, unit, key)))
+        return tuple(columns)
 
     def missing(self, kind: str, joint: int | None, instead: str = "") -> RecordingError:
-        """Say which column is missing and what the file holds."""
-        wanted = kind if joint is None else _or(kind, self.joint_names[joint], joint)
+        """Return the error for a missing column: which one, and what the file holds."""
+        expected = kind if joint is None else _or(kind, self.joint_names[joint], joint)
         whose = "" if joint is None else f" of joint {self.joint_names[joint]}"
-        shown = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
+        available = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
         hint = ""
         if kind == "t":
             hint = ' Where the file has no time, say "rate": … in Hz.'
@@ -293,7 +315,7 @@ class _Finder:
         elif f"{kind}0" in self.names:
             hint = f" Joints are counted from 1 here, and the file has {kind}0: map them with columns."
         return RecordingError(
-            f"No column {wanted} for {kind}{whose}{instead}. The file holds: {shown}. Name it by columns, "
+            f"No column {expected} for {kind}{whose}{instead}. The file holds: {available}. Name it by columns, "
             f'{{"{kind if joint is None else kind + str(joint + 1)}": "…"}}'
             + ("." if joint is None else self._without(kind, joint))
             + hint,
@@ -302,15 +324,16 @@ class _Finder:
         )
 
     def _without(self, kind: str, joint: int) -> str:
-        """Say what to do where a joint has no such column: it stands, or its torque alone was not recorded."""
+        """Return the advice for a joint without such a column: it stands, or its torque was not recorded."""
         lock = f', or lock the joint if it does not move ("locked_joints": {{"{self.joint_names[joint]}": 0}}).'
         others = (self.find(other, k) for other in ("tau", "current") for k in range(len(self.joint_names)))
         if kind != "tau" or not any(others):
             return lock
-        said = f'"columns": {{"tau{joint + 1}": "{NOT_RECORDED}"}}'
-        return f"{lock} If its torque was not recorded, say {said}: its motion is used."
+        mapping = f'"columns": {{"tau{joint + 1}": "{NOT_RECORDED}"}}'
+        return f"{lock} If its torque was not recorded, say {mapping}: its motion is used."
 
     def _source(self, ours: tuple[str, ...]) -> str | None:
+        # The user's mapping goes before equal names, and these before names in other upper and lower case.
         for name in ours:
             if name in self.metadata.columns:
                 return self.metadata.columns[name]
@@ -321,12 +344,12 @@ class _Finder:
         return next((folded[name.casefold()] for name in ours if name.casefold() in folded), None)
 
     def _check_mapping(self) -> None:
-        known = {"t", "segment", *WRENCH_NAMES}
+        our_names = {"t", "segment", *WRENCH_NAMES}
         for kind in JOINT_KINDS:
-            known |= {f"{kind}_{name}" for name in self.joint_names}
-            known |= {f"{kind}{joint + 1}" for joint in range(len(self.joint_names))}
+            our_names |= {f"{kind}_{name}" for name in self.joint_names}
+            our_names |= {f"{kind}{joint + 1}" for joint in range(len(self.joint_names))}
         for ours, theirs in self.metadata.columns.items():
-            if ours not in known:
+            if ours not in our_names:
                 raise RecordingError(
                     f"columns maps {ours!r}, which is no column of ours; ours are t, segment, and q, q_command, dq, "
                     f"ddq, tau, current, temperature with a joint's number (q1) or name (q_{self.joint_names[0]}), and "
@@ -342,7 +365,7 @@ class _Finder:
                     title="Missing column",
                 )
         for key in self.metadata.units:
-            if key not in KINDS and key not in known:
+            if key not in KINDS and key not in our_names:
                 raise RecordingError(
                     f"units names {key!r}, which is neither a kind of signal ({', '.join(KINDS)}) nor a column of "
                     "ours (q1, q_<joint>, …).",

@@ -10,7 +10,7 @@ from dynident.recordings.types import Recording, SampleSource, StoredRows
 
 @dataclass(frozen=True, eq=False)
 class _Commanded:
-    """Rows of another source, their positions those that were commanded."""
+    """Rows of another source with the commanded positions."""
 
     source: SampleSource
 
@@ -21,7 +21,21 @@ class _Commanded:
 
 
 def commanded(recording: Recording) -> Recording:
-    """The recording as it was commanded: its positions are those that the robot was told to take."""
+    """Return the recording as it was commanded: with the positions that the robot was told to take.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    ValueError
+        If it holds no commanded positions.
+    """
     if not recording.has_command:
         raise ValueError(f"{recording.name} holds no commanded positions")
     return replace(recording, source=_Commanded(recording.source), path=None)

@@ -1,4 +1,4 @@
-"""Where one joint alone moves at nearly constant velocity: what its friction can be told from by itself (§12.3.3)."""
+"""Find rows in which one joint alone moves at nearly constant velocity: to identify its friction (§12.3.3)."""
 
 from __future__ import annotations
 
@@ -20,12 +20,17 @@ _DOUBLING = 0.25
 
 
 def sole_mover(dq: FloatArray, ddq: FloatArray) -> IntArray:
-    """Which joint alone moves at nearly constant velocity (m,); -1 where none does.
+    """Return which joint alone moves at nearly constant velocity.
 
     Parameters
     ----------
     dq, ddq : (m, n)
         Filtered velocities (rad/s, m/s) and accelerations.
+
+    Returns
+    -------
+    (m,) of int
+        -1 if none does.
     """
     speed = np.abs(dq)
     first = np.argmax(speed, axis=1)
@@ -35,5 +40,5 @@ def sole_mover(dq: FloatArray, ddq: FloatArray) -> IntArray:
     others[rows, first] = 0.0
     alone = others.max(axis=1, initial=0.0) <= np.maximum(_STILL, _STILL_SHARE * fastest)
     steady = np.abs(ddq[rows, first]) * _DOUBLING <= fastest
-    found: BoolArray = alone & steady & (fastest >= _SLOWEST)
-    return np.where(found, first, -1).astype(np.int64)
+    is_sole: BoolArray = alone & steady & (fastest >= _SLOWEST)
+    return np.where(is_sole, first, -1).astype(np.int64)

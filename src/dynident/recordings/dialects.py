@@ -1,4 +1,4 @@
-"""How a CSV file is written: told from its first lines."""
+"""Dialects of CSV: separator, decimal sign, names and units, told from the first lines of a file."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class _Header:
 
 
 def csv_dialect(start: bytes) -> Dialect:
-    """Tell separator, decimal sign and column names of a CSV file from its first bytes.
+    """Return the dialect of a CSV file, by its first bytes.
 
     Without a line of names columns are called column1, column2, ….
 
@@ -66,6 +66,10 @@ def csv_dialect(start: bytes) -> Dialect:
     ----------
     start : bytes
         The first `dialect_bytes` of the file.
+
+    Returns
+    -------
+    Dialect
 
     Raises
     ------
@@ -116,7 +120,7 @@ dialect_bytes = _LOOKED_AT
 
 
 def _header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
-    """Give the separator, whether numbers have commas, and the names, of which `first` is the first line with text."""
+    """Return the separator, whether numbers have commas, and the names; `first` is the first line with text."""
     header = first
     # Further comment lines may stand before the names; the names are the last of them.
     while header + 1 < len(lines) and lines[header + 1].lstrip().startswith(("#", "%")):
@@ -139,7 +143,7 @@ def _header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     if sum(map(bool, names)) - len({name for name in names if name}) > 1 and rows < len(lines):
         # Names in two lines: of the signal, which is repeated, and of the joint.
         second = _fields(lines[rows], delimiter)
-        if len(second) == len(names) and all(one.isdigit() or not _is_number(one) for one in second):
+        if len(second) == len(names) and all(cell.isdigit() or not _is_number(cell) for cell in second):
             both = tuple("_".join(part for part in pair if part) for pair in zip(names, second, strict=True))
             if len(set(both)) == len(both):
                 names, rows = both, rows + 1
@@ -147,13 +151,14 @@ def _header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
                     rows += 1
     units = _units(lines, rows, delimiter, names)
     rows += bool(units)
-    fields = [one for line in lines[rows : rows + 20] if line.strip() for one in _fields(line, delimiter)]
-    comma = delimiter != "," and any("," in one and _NUMBER.match(one) for one in fields)
+    fields = [cell for line in lines[rows : rows + 20] if line.strip() for cell in _fields(line, delimiter)]
+    # A comma inside a cell can only be a decimal one if something else separates the cells.
+    comma = delimiter != "," and any("," in cell and _NUMBER.match(cell) for cell in fields)
     return delimiter, comma, _Header(names, rows, units)
 
 
 def _text(start: bytes) -> tuple[str, str]:
-    """Give the first bytes as text, and their encoding."""
+    """Return the first bytes as text, and their encoding."""
     if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return start.decode("utf-16", errors="ignore"), "utf-16"
     if b"\0" in start:
@@ -170,6 +175,7 @@ def _text(start: bytes) -> tuple[str, str]:
 
 
 def _most(text: str) -> str:
+    # The most frequent one; where none is more frequent than the others, the comma.
     delimiter = max(",;\t|", key=text.count)
     if text.count(delimiter) == 0:
         delimiter = " " if " " in text.strip() else ","
@@ -178,27 +184,28 @@ def _most(text: str) -> str:
 
 def _fields(line: str, delimiter: str) -> list[str]:
     if '"' in line:
-        return [one.strip().strip('"').strip() for one in next(csv.reader([line.strip()], delimiter=delimiter), [""])]
-    return [one.strip() for one in line.split(delimiter)]
+        return [cell.strip().strip('"').strip() for cell in next(csv.reader([line.strip()], delimiter=delimiter), [""])]
+    return [cell.strip() for cell in line.split(delimiter)]
 
 
 def _name(field: str) -> str:
-    """Give a column's name; one of several parts, ('q', 1), is written as q_1."""
+    """Return a column's name; one of several parts, ('q', 1), becomes q_1."""
     if not _TUPLE.match(field) or "," not in field:
         return field
-    return "_".join(part for one in field[1:-1].split(",") if (part := one.strip(" '\"")))
+    return "_".join(part for part_text in field[1:-1].split(",") if (part := part_text.strip(" '\"")))
 
 
 def _is_data(text: str) -> bool:
-    """Whether a line holds numbers and nothing else."""
+    """Return whether a line holds numbers and nothing else."""
     return any(
-        any(fields := [one for one in _fields(text, delimiter) if one]) and all(_NUMBER.match(one) for one in fields)
+        any(fields := [cell for cell in _fields(text, delimiter) if cell])
+        and all(_NUMBER.match(cell) for cell in fields)
         for delimiter in ";\t| ,"
     )
 
 
 def _is_counted(fields: Sequence[str]) -> bool:
-    """Whether the fields count the columns from 0, as pandas names those without names."""
+    """Return whether the fields count the columns from 0, as pandas names those without names."""
     numbers = list(fields[1:] if fields and not fields[0] else fields)
     return len(numbers) > 1 and numbers == [str(number) for number in range(len(numbers))]
 
@@ -208,7 +215,7 @@ def _numbered(count: int) -> tuple[str, ...]:
 
 
 def _is_comment(lines: list[str], header: int) -> bool:
-    """Whether the last line of comment is prose, and the names follow it: it has other fields than the next lines."""
+    """Return whether the last line of comment is prose: it has other fields than the next lines."""
     if header + 2 >= len(lines) or _is_data(lines[header + 1]):
         return False
     text = lines[header].lstrip("#% ")
@@ -221,7 +228,8 @@ def _is_mostly_empty(fields: Sequence[str]) -> bool:
 
 
 def _below_titles(lines: list[str], header: int) -> int:
-    """The line of names below titles, which have other numbers of fields than the rows, or are mostly empty."""
+    """Return the line of names below titles, which have fewer fields than the rows, or mostly empty ones."""
+    # The last lines that were read are surely rows: they tell the width of the table.
     body = [line for line in lines[header:] if line.strip()][-20:]
     if len(body) < 4:
         return header
@@ -236,14 +244,14 @@ def _below_titles(lines: list[str], header: int) -> int:
         return header
     # Rows may have empty cells: names are a line without a number.
     whole = (number for number in range(header + 1, len(lines)) if is_whole(lines[number]))
-    found = next(whole, None)
-    if found is None or any(_NUMBER.match(one) for one in _fields(lines[found], delimiter)):
+    names_line = next(whole, None)
+    if names_line is None or any(_NUMBER.match(cell) for cell in _fields(lines[names_line], delimiter)):
         return header
-    return found
+    return names_line
 
 
 def _is_aligned(lines: list[str]) -> bool:
-    """Whether spaces alone stand between the columns, and more than one of them, or at the ends of the lines."""
+    """Return whether only spaces stand between the columns, several of them, or at the ends of the lines."""
     rows = [line for line in lines if line.strip()][-20:]
     spaced = [line for line in rows if not any(sign in line for sign in ",;|") and " " in line.strip()]
     if not spaced or len(spaced) < len(rows):
@@ -255,7 +263,7 @@ def _is_aligned(lines: list[str]) -> bool:
 
 
 def _of_numbers(lines: list[str]) -> tuple[str, bool]:
-    """Tell separator and decimal comma where there are numbers alone."""
+    """Return separator and decimal comma of a file of numbers alone."""
     text = lines[0]
     for delimiter in ";\t|":
         if delimiter in text:
@@ -274,10 +282,10 @@ def _names_of_messages(lines: Sequence[str], delimiter: str) -> tuple[str, ...] 
     rows = [_fields(line, delimiter) for line in lines[:2]]
     if len(rows) < 2 or len(rows[0]) != len(rows[1]):
         return None
-    words = [[None if _is_number(one) else one for one in row] for row in rows]
+    words = [[None if _is_number(cell) else cell for cell in row] for row in rows]
     if words[0] != words[1] or sum(map(bool, words[0])) * 2 > len(words[0]):
         return None
-    places = [place for place, one in enumerate(words[0]) if one]
+    places = [place for place, cell in enumerate(words[0]) if cell]
     if not places or places != list(range(places[0], places[-1] + 1)):
         return None
     # The frame stands before the joints' names: a word of its own, or an empty cell.
@@ -298,7 +306,7 @@ def _is_number(text: str) -> bool:
 
 
 def _names_of_lists(header: _Header, original: Sequence[str], delimiter: str) -> tuple[str, ...]:
-    """Names with one for every item where the rows have lists below single names."""
+    """Return the names, with one for every item if the rows have lists below single names."""
     lengths = lengths_of_lists("\n".join(original[header.lines : header.lines + 1]), delimiter)
     if len(lengths) != len(header.names) or sum(lengths) == len(lengths):
         return header.names
@@ -310,22 +318,22 @@ def _names_of_lists(header: _Header, original: Sequence[str], delimiter: str) ->
 
 
 def _texts(rows: Sequence[Sequence[str]], names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Give the first cells of columns most of whose cells are words."""
-    found = {}
+    """Return the first cells of columns most of whose cells are words."""
+    texts = {}
     for name, cells in zip(names, zip(*rows, strict=True), strict=False):
         words = sum(1 for cell in cells if cell and not _is_number(cell))
         if 2 * words > sum(map(bool, cells)):
-            found[name] = tuple(cells)
-    return found
+            texts[name] = tuple(cells)
+    return texts
 
 
 def _units(lines: list[str], number: int, delimiter: str, names: tuple[str, ...]) -> dict[str, str]:
-    """The units below the names: a line of as many short words, and a line of numbers below it."""
+    """Return the units below the names: a line of as many short words, with a line of numbers below it."""
     if number + 1 >= len(lines) or not _is_data(lines[number + 1]) or _is_data(lines[number]):
         return {}
     fields = _fields(lines[number].lstrip("#% "), delimiter)
-    if len(fields) != len(names) or not all(_UNIT.match(one) for one in fields):
+    if len(fields) != len(names) or not all(_UNIT.match(cell) for cell in fields):
         return {}
-    if any(one and _is_number(one) for one in fields):
+    if any(cell and _is_number(cell) for cell in fields):
         return {}
-    return {name: one.strip("[]() ") for name, one in zip(names, fields, strict=True) if one.strip("[]() -")}
+    return {name: cell.strip("[]() ") for name, cell in zip(names, fields, strict=True) if cell.strip("[]() -")}

@@ -1,4 +1,4 @@
-"""What a file is known by, whatever it is called."""
+"""Digest of a file: what it is known by, whatever it is called."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ from dynident.recordings.names import parts_of
 
 
 def digest_of(path: Path) -> str:
-    """The SHA-256 of a file, in hexadecimal digits; of a recording in several files, that of their digests.
+    """Return the SHA-256 of a file, in hexadecimal digits; of a recording in several files, that of their digests.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    str
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Stamps that are written with few digits: is the clock behind them even?"""
+"""Time stamps with few digits: is the clock behind them even?"""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class EvenClock:
     tick: float
 
     def times(self, t: FloatArray, start: float) -> FloatArray:
-        """When rows stamped t (m,) were sampled, counted from a row at `start`."""
+        """Return when rows stamped t (m,) were sampled, counted from a row at `start`."""
         return np.asarray(start + np.round((t - start) / self.period) * self.period)
 
 
@@ -49,7 +49,7 @@ class EvenClockScan:
     _possible: bool = True
 
     def feed(self, t: FloatArray, begins: BoolArray) -> None:
-        """Take the next stamps t (m,), and which of them begin an unbroken stretch."""
+        """Take the next stamps t (m,), and which of them begin an unbroken run."""
         if not self._possible or not len(t):
             return
         if not self._tick:
@@ -68,6 +68,8 @@ class EvenClockScan:
             number = self._count + np.cumsum(steps)
             self._behind, self._count = float(part[-1]), int(number[-1])
             later = number > 0
+            # The k-th row after the start lies within a tick of k periods: each stamp bounds the period from both
+            # sides, the later the closer.
             elapsed, room = part[later] - self._start, _ROUNDING * self._tick
             if len(elapsed):
                 self._lowest = max(self._lowest, float(((elapsed - room) / number[later]).max()))
@@ -77,14 +79,14 @@ class EvenClockScan:
                 return
 
     def result(self) -> EvenClock | None:
-        """The clock; None where the stamps are no rounded ones of an even clock."""
+        """Return the clock; None if the stamps are no rounded ones of an even clock."""
         if not self._possible or not self._tick or not np.isfinite(self._highest):
             return None
         return EvenClock(0.5 * (self._lowest + self._highest), self._tick)
 
 
 def _tick(steps: FloatArray) -> float:
-    """What all steps are whole multiples of, from the smallest difference between them; 0 where there is none."""
+    """Return what all steps are whole multiples of: their smallest difference; 0 if there is none."""
     steps = steps[steps > 0]
     if not len(steps):
         return 0.0
@@ -97,6 +99,6 @@ def _tick(steps: FloatArray) -> float:
 
 
 def _stretches(begins: BoolArray) -> list[tuple[int, int]]:
-    """(first, last + 1) of the parts that begin anew, and of what comes before the first of them."""
+    """Return (first, last + 1) of the parts that begin anew, and of what comes before the first of them."""
     edges = [0, *(int(k) for k in np.flatnonzero(begins) if k), len(begins)]
     return list(itertools.pairwise(edges))

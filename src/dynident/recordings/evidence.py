@@ -1,8 +1,8 @@
-"""What torque has to do with motion, told without a model of the robot: the base of the checks of torque.
+"""Relate torque to motion without a model of the robot: the basis of the checks of torque.
 
 Each joint's torque is explained by smooth functions of all positions (gravity), all accelerations (inertia) and the
 friction of its own joint. It is no model to predict with; it is enough to see a torque that belongs to another joint,
-is turned round, or comes late.
+has the wrong sign, or comes late.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _RANK = 1e-10
 
 
 class Shiftable(NamedTuple):
-    """One contiguous run of torque (a spline over time) and the times of its rows."""
+    """One contiguous part of the torque (a spline over time) and the times of its rows."""
 
     torque: CubicSpline
     t: FloatArray
@@ -91,7 +91,17 @@ class Lag(NamedTuple):
 
 
 def gather(recording: Recording) -> Evidence | None:
-    """Collect the rows; `None` where the recording is too short, or moves too little, to say anything."""
+    """Collect the rows to fit.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    Evidence or None
+        None if the recording is too short, or moves too little, to say anything.
+    """
     try:
         choice = choose_preprocessing([recording])
     except DynidentError:
@@ -112,63 +122,99 @@ def gather(recording: Recording) -> Evidence | None:
 
 
 def direction(evidence: Evidence, joint: int) -> Direction:
-    """Tell whether a joint's torque goes with its motion or against it; (0, 0) where it moves too little to tell."""
+    """Return whether a joint's torque goes with its motion or against it.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    joint : int
+
+    Returns
+    -------
+    Direction
+        (0, 0) if the joint moves too little to tell.
+    """
     n = evidence.tau.shape[1]
-    told = ~evidence.held[:, joint]
-    if told.sum() < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
+    moving_rows = ~evidence.held[:, joint]
+    if moving_rows.sum() < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
         return Direction(0.0, 0.0)
     own = evidence.smooth.shape[1] - n + joint
-    friction, smooth = evidence.friction[told, joint], evidence.smooth[told]
+    friction, smooth = evidence.friction[moving_rows, joint], evidence.smooth[moving_rows]
+    # Own inertia and friction are kept as columns: their weights are looked at, those of all others are not.
     others = orthonormal(np.delete(smooth, own, axis=1))
     columns = np.column_stack([others, smooth[:, own], friction])
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    weights = [w / scale for w in _jackknife(columns / scale, evidence.tau[told, joint], _blocks(int(told.sum())))]
+    weights = [
+        w / scale
+        for w in _jackknife(columns / scale, evidence.tau[moving_rows, joint], _blocks(int(moving_rows.sum())))
+    ]
+    # The mean of velocity times friction torque: its sign holds whatever the shape of the friction law.
     power = [float(np.mean(friction[:, 0] * (friction @ w[-3:]))) for w in weights]
     inertia = [float(w[-4]) for w in weights]
     return Direction(_over_error(power), _over_error(inertia))
 
 
 def ownership(evidence: Evidence) -> FloatArray:
-    """Give (n, n): the share of torque i's variance that the friction of joint j explains beside gravity and inertia.
+    """Return how much of each torque the friction of each joint explains.
 
     Friction is here q̇ and its rounded sign: a sharper sign would follow reversals that the other columns miss.
     A share counts only where it dissipates: friction that drives its joint is no friction.
+
+    Parameters
+    ----------
+    evidence : Evidence
+
+    Returns
+    -------
+    (n, n)
+        Share of torque i's variance that the friction of joint j explains beside gravity and inertia.
     """
     n = evidence.tau.shape[1]
     shares = np.zeros((n, n))
     basis = orthonormal(evidence.smooth)
-    rest = evidence.tau - basis @ (basis.T @ evidence.tau)
+    unexplained = evidence.tau - basis @ (basis.T @ evidence.tau)
     variance = np.maximum(((evidence.tau - evidence.tau.mean(axis=0)) ** 2).sum(axis=0), 1e-300)
     for j in np.flatnonzero(evidence.moving):
         own = evidence.friction[:, j, :2]
-        left = own - basis @ (basis.T @ own)
-        weights = np.linalg.lstsq(left, rest, rcond=1e-9)[0]
+        # What gravity and inertia can explain is taken out of friction, too: only the rest of it is evidence.
+        own_friction = own - basis @ (basis.T @ own)
+        weights = np.linalg.lstsq(own_friction, unexplained, rcond=1e-9)[0]
         dissipates = own[:, 0] @ (own @ weights) > 0.0
-        shares[:, j] = np.where(dissipates, ((left @ weights) ** 2).sum(axis=0) / variance, 0.0)
+        shares[:, j] = np.where(dissipates, ((own_friction @ weights) ** 2).sum(axis=0) / variance, 0.0)
     return shares
 
 
 def lag(evidence: Evidence, *, steady_only: bool) -> Lag | None:
-    """Find the common shift of all torques that the motion explains best; None where that cannot be told.
+    """Find the common shift of all torques that the motion explains best.
 
-    With `steady_only` the rows around reversals are left out: there presliding looks like lateness.
+    Parameters
+    ----------
+    evidence : Evidence
+    steady_only : bool
+        Whether rows around reversals are left out: there presliding looks like lateness.
+
+    Returns
+    -------
+    Lag or None
+        None if the shift cannot be told.
     """
     count = round(SPAN / evidence.resolution)
     shifts = evidence.resolution * np.arange(-count, count + 1, dtype=np.float64)
     curves = np.zeros((BLOCKS, len(shifts)))
     n_counting = 0
     for joint in np.flatnonzero(evidence.moving):
-        chosen = evidence.steady[:, joint] if steady_only else np.ones(len(evidence.tau), dtype=bool)
-        if chosen.sum() < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
+        rows = evidence.steady[:, joint] if steady_only else np.ones(len(evidence.tau), dtype=bool)
+        if rows.sum() < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
             continue
-        columns = orthonormal(np.column_stack([evidence.smooth, evidence.friction[:, joint]])[chosen])
-        shifted = _at_shifts(evidence, int(joint), shifts)[chosen]
+        columns = orthonormal(np.column_stack([evidence.smooth, evidence.friction[:, joint]])[rows])
+        shifted = _at_shifts(evidence, int(joint), shifts)[rows]
         residual = shifted - columns @ (columns.T @ shifted)
         spread = shifted - shifted.mean(axis=0)
         if (residual**2).sum(axis=0).min() > (1.0 - EXPLAINED) * (spread**2).sum(axis=0).mean():
             continue
         errors = np.zeros_like(curves)
-        np.add.at(errors, evidence.block[chosen], residual**2)
+        # Squared errors by block of time, so that the jackknife can leave one out below.
+        np.add.at(errors, evidence.block[rows], residual**2)
         # Every joint counts in units of its own noise.
         n_counting += 1
         curves += errors / max(float(errors.sum(axis=0).min()), 1e-300)
@@ -177,24 +223,34 @@ def lag(evidence: Evidence, *, steady_only: bool) -> Lag | None:
     # One joint alone may be late by its presliding; a log that is late is so for all.
     if n_counting < 2 or at in (0, len(shifts) - 1):
         return None
-    found = [_minimum(total - curves[block], shifts) for block in range(BLOCKS)]
+    minima = [_minimum(total - curves[block], shifts) for block in range(BLOCKS)]
     gain = 1.0 - float(total.min()) / max(float(total[len(shifts) // 2]), 1e-300)
-    return Lag(_minimum(total, shifts), _jackknife_error(found), gain)
+    return Lag(_minimum(total, shifts), _jackknife_error(minima), gain)
 
 
 def orthonormal(columns: FloatArray) -> FloatArray:
-    """Give an orthonormal basis of the columns' span, directions of rounding error left out."""
+    """Return an orthonormal basis of the columns' span.
+
+    Parameters
+    ----------
+    columns : (r, k)
+
+    Returns
+    -------
+    (r, rank)
+        Directions of rounding error are left out.
+    """
     norms = np.linalg.norm(columns, axis=0)
     scaled = columns / np.where(norms > 0, norms, 1.0)
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    kept = values > _RANK * values[-1]
+    is_kept = values > _RANK * values[-1]
     # Once more by QR: the Gram matrix squares the condition number.
-    basis: FloatArray = np.linalg.qr(scaled @ (vectors[:, kept] / np.sqrt(values[kept])))[0]
+    basis: FloatArray = np.linalg.qr(scaled @ (vectors[:, is_kept] / np.sqrt(values[is_kept])))[0]
     return basis
 
 
 def shortened(recording: Recording, decimation: int) -> Recording:
-    """Cut a long recording down to evenly spread stretches of its windows' neighbourhood."""
+    """Return a long recording cut down to evenly spread parts."""
     allowed = MAX_ROWS * decimation
     if recording.n_samples <= allowed:
         return recording
@@ -224,7 +280,7 @@ def _rms_speed(blocks: list[SampleBlock]) -> FloatArray:
 
 
 def _columns(block: SampleBlock, rounding: FloatArray, phases: Phases) -> FloatArray:
-    """Give the unfiltered columns: smooth functions of q, q̈, q̇, rounded signs, marks of reversals and rest, τ."""
+    """Return the unfiltered columns: functions of q, q̈, q̇, rounded signs, marks of reversals and rest, τ."""
     n = block.q.shape[1]
     shapes = np.sin(block.q), np.cos(block.q)
     neighbours = [a[:, i] * b[:, i + 1] for i in range(n - 1) for a, b in product(shapes, shapes)]
@@ -241,7 +297,7 @@ def _columns(block: SampleBlock, rounding: FloatArray, phases: Phases) -> FloatA
 def _filtered(
     blocks: list[SampleBlock], rounding: FloatArray, phases: Phases, rate: float, choice: Preprocessing
 ) -> list[FilteredRows]:
-    """Filter and decimate; one result for each contiguous run of blocks."""
+    """Filter and decimate; one result for each contiguous series of blocks."""
     parallel = ParallelFilter(rate, choice.torque_cutoff, choice.decimation)
     runs: list[FilteredRows] = []
     parts: list[FilteredRows] = []
@@ -264,9 +320,10 @@ def _filtered(
 
 
 def _arranged(runs: list[FilteredRows], n: int, moving: BoolArray, resolution: float) -> Evidence:
-    kept = [run.used & (run.t >= run.t[0] + SPAN) & (run.t <= run.t[-1] - SPAN) for run in runs]
-    values = np.concatenate([run.values[keep] for run, keep in zip(runs, kept, strict=True)])
-    series = [Shiftable(CubicSpline(r.t, r.values[:, -n:]), r.t[keep]) for r, keep in zip(runs, kept, strict=True)]
+    """Return the evidence in filtered rows; the ends, at which torque could not be shifted, are left out."""
+    inside = [run.used & (run.t >= run.t[0] + SPAN) & (run.t <= run.t[-1] - SPAN) for run in runs]
+    values = np.concatenate([run.values[keep] for run, keep in zip(runs, inside, strict=True)])
+    series = [Shiftable(CubicSpline(r.t, r.values[:, -n:]), r.t[keep]) for r, keep in zip(runs, inside, strict=True)]
     borders = values.shape[1] - n * np.array([6, 5, 4, 3, 2, 1])
     smooth, speed, rounded, sign, reversal, rests, tau = np.split(values, borders, axis=1)
     return Evidence(
@@ -284,12 +341,12 @@ def _arranged(runs: list[FilteredRows], n: int, moving: BoolArray, resolution: f
 
 
 def _blocks(count: int) -> IntArray:
-    """(count,): blocks of time of so many rows, equally many each."""
+    """Return (count,): blocks of time of so many rows, equally many each."""
     return np.arange(count) * BLOCKS // max(count, 1)
 
 
 def _at_shifts(evidence: Evidence, joint: int, shifts: FloatArray) -> FloatArray:
-    """Give a joint's torque at its rows' times plus every shift (r, len(shifts))."""
+    """Return a joint's torque at its rows' times plus every shift (r, len(shifts))."""
     parts = []
     for run in evidence.series:
         own = CubicSpline.construct_fast(run.torque.c[:, :, joint], run.torque.x)
@@ -298,18 +355,19 @@ def _at_shifts(evidence: Evidence, joint: int, shifts: FloatArray) -> FloatArray
 
 
 def _jackknife(columns: FloatArray, tau: FloatArray, block: IntArray) -> list[FloatArray]:
-    """Give the least-squares weights of all rows, then those without each block; the columns are of unit length."""
+    """Return the least-squares weights of all rows, then those without each block; columns are of unit length."""
     columns, tau = _tempered(columns, tau)
     parts = [block == index for index in range(BLOCKS)]
     grams = np.array([columns[part].T @ columns[part] for part in parts])
     sides = np.array([columns[part].T @ tau[part] for part in parts])
+    # A small ridge keeps the normal equations solvable when a block is left out.
     gram, side = grams.sum(axis=0) + 1e-9 * np.eye(columns.shape[1]), sides.sum(axis=0)
     without = [np.linalg.solve(gram - g, side - s) for g, s in zip(grams, sides, strict=True)]
     return [np.linalg.solve(gram, side), *without]
 
 
 def _tempered(columns: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Weigh the rows so that a contact, or a stretch in stiction, does not decide (Huber's weights)."""
+    """Weigh the rows so that a contact, or a time in stiction, does not decide (Huber's weights)."""
     weight = np.ones(len(tau))
     for _ in range(4):
         solved = np.linalg.lstsq(columns * weight[:, None], tau * weight, rcond=1e-7)[0]
@@ -319,7 +377,7 @@ def _tempered(columns: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _over_error(values: list[float]) -> float:
-    """Give the first value over the jackknife error of the others."""
+    """Return the first value over the jackknife error of the others."""
     return values[0] / max(_jackknife_error(values[1:]), 1e-300)
 
 
@@ -329,9 +387,9 @@ def _jackknife_error(values: list[float]) -> float:
 
 
 def _minimum(curve: FloatArray, at: FloatArray) -> float:
-    """Find the lowest point of a sampled curve by a parabola."""
+    """Return the lowest point of a sampled curve, by a parabola."""
     index = int(np.clip(curve.argmin(), 1, len(curve) - 2))
-    left, middle, right = curve[index - 1 : index + 2]
-    bend = left - 2.0 * middle + right
-    offset = 0.5 * (left - right) / bend if bend > 0 else 0.0
+    before, middle, after = curve[index - 1 : index + 2]
+    bend = before - 2.0 * middle + after
+    offset = 0.5 * (before - after) / bend if bend > 0 else 0.0
     return float(at[index] + (at[1] - at[0]) * np.clip(offset, -1.0, 1.0))

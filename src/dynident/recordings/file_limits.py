@@ -1,4 +1,4 @@
-"""How much a file of a stranger may ask for. It is checked before anything of that size is read or unpacked.
+"""Limits on what a stranger's file may demand, checked before anything of that size is read or unpacked.
 
 The limits stand here for all formats, each with its reason. They bound memory and disk; a file within all of them can
 still be slow.
@@ -76,7 +76,7 @@ def check_unpacked(size: int, file_size: int, smallest: int | None = None) -> No
 
 
 def rows_of_block(columns: int) -> int:
-    """Rows that are read at once of a file with so many columns."""
+    """Return how many rows are read at once of a file with so many columns."""
     return max(1, min(BLOCK_ROWS, BLOCK_VALUES // max(columns, 1)))
 
 
@@ -94,6 +94,6 @@ class UnpackedSize:
         self._file_size, self._smallest, self._size = file_size, smallest, 0
 
     def add(self, size: int) -> None:
-        """Count more bytes; raises `RecordingError` where a file of this size never unpacks to so many."""
+        """Count more bytes; raise `RecordingError` if a file of this size never unpacks to so many."""
         self._size += size
         check_unpacked(self._size, self._file_size, self._smallest)

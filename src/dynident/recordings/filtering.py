@@ -1,4 +1,4 @@
-"""From a stored recording to filtered positions, velocities and accelerations, block by block (§12.3.5)."""
+"""Filter positions and differentiate them, block by block, to velocities and accelerations (§12.3.5)."""
 
 from __future__ import annotations
 
@@ -67,7 +67,18 @@ def filtered_blocks(
 
 
 def edge_margin(preprocessing: Preprocessing, rate: float) -> int:
-    """Samples at either end of a segment that are not used, because the filter still settles there."""
+    """Return the samples at either end of a segment that are not used, because the filter still settles there.
+
+    Parameters
+    ----------
+    preprocessing : Preprocessing
+    rate : float
+        Sampling rate in Hz.
+
+    Returns
+    -------
+    int
+    """
     if preprocessing.position_cutoff is None:
         return _REACH
     return _REACH + ZeroPhase(rate, preprocessing.position_cutoff, preprocessing.filter_order).settling
@@ -103,7 +114,7 @@ def _segment_blocks(
 
 
 def _differentiated(recording: Recording, segment: Segment, preprocessing: Preprocessing) -> Iterator[_Rows]:
-    """Give runs of consecutive rows; position and its differences held beside the torque of the same samples."""
+    """Yield runs of consecutive rows: positions and derivatives beside the torque of the same samples."""
     passing: deque[StoredRows] = deque()
 
     def positions() -> Iterator[FloatArray]:
@@ -136,7 +147,7 @@ def _differentiated(recording: Recording, segment: Segment, preprocessing: Prepr
 def _differences(
     q: FloatArray, rate: float, *, with_first: bool, with_last: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Give q and its four derivatives (m, n) of the rows that have two neighbours on both sides.
+    """Return q and its four derivatives (m, n) of the rows that have two neighbours on both sides.
 
     The segment's two ends are given if asked for. There the derivatives are those of the nearest inner row (zero in a
     segment of fewer than five rows); such rows are never marked as used.
@@ -159,10 +170,11 @@ def _differences(
 
 
 def _central(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
-    """First and second central difference (m, n); the first and last row are zero."""
+    """Return first and second central difference (m, n); the first and last row are zero."""
     first, second = np.empty_like(values), np.empty_like(values)
     np.subtract(values[2:], values[:-2], out=first[1:-1])
     first[1:-1] *= 0.5 * rate
+    # As a difference of differences: it rounds less than q(k+1) - 2 q(k) + q(k-1).
     np.subtract(values[2:], values[1:-1], out=second[1:-1])
     second[1:-1] -= values[1:-1] - values[:-2]
     second[1:-1] *= rate * rate
@@ -172,7 +184,7 @@ def _central(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _stored(recording: Recording, segment: Segment, length: int) -> Iterator[StoredRows]:
-    """Read a segment in runs of at least `length` rows (all but the last), joining the source's own blocks."""
+    """Read a segment in runs of at least `length` rows (but the last), joining the source's own blocks."""
     parts: list[StoredRows] = []
     count = 0
     for rows in recording.source.rows(segment.first_row, segment.length, length):
@@ -202,17 +214,17 @@ def _join(parts: list[StoredRows]) -> StoredRows:
 
 def _take(passing: deque[StoredRows], count: int) -> StoredRows:
     """Take the oldest `count` rows out of `passing`."""
-    taken: list[StoredRows] = []
+    parts: list[StoredRows] = []
     while count:
         rows = passing.popleft()
         if len(rows.q) > count:
             passing.appendleft(_cut(rows, slice(count, None)))
             rows = _cut(rows, slice(0, count))
-        taken.append(rows)
+        parts.append(rows)
         count -= len(rows.q)
-    return _join(taken)
+    return _join(parts)
 
 
 def _cut(rows: StoredRows, part: slice) -> StoredRows:
-    rest = (None if values is None else values[part] for values in (rows.temperature, rows.wrench, rows.command))
-    return StoredRows(rows.q[part], rows.tau[part], *rest)
+    optional = (None if values is None else values[part] for values in (rows.temperature, rows.wrench, rows.command))
+    return StoredRows(rows.q[part], rows.tau[part], *optional)

@@ -1,4 +1,4 @@
-"""From a user's file or arrays to a canonical recording, in one streamed pass after the time column is known."""
+"""Import a recording, from a file or from arrays, into the canonical form: one streamed pass after the time column."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def import_recording(
     against: ModelChecks | None = None,
     progress: Progress = silent,
 ) -> tuple[Recording, tuple[Check, ...]]:
-    """Read a CSV or Parquet file, check it, and store it in SI units on a uniform grid as a canonical Parquet file.
+    """Read a user's file, check it, and store it in SI units on a uniform grid as a canonical Parquet file.
 
     The file is read twice in blocks (the time column first) and never held in memory. The result appears at
     `destination_path` only when everything is in order; after an error nothing is left there.
@@ -58,10 +58,11 @@ def import_recording(
     source_path, destination_path : path
     joints : RecordedJoints
         What the columns are of.
-    metadata : RecordingMetadata
-        What is said of the file.
+    metadata : RecordingMetadata, optional
+        What is known of the file.
     against : ModelChecks, optional
         What a model of the robot says of order and signs of the columns; without it friction alone tells.
+    progress : Progress
 
     Returns
     -------
@@ -81,17 +82,25 @@ def import_recording(
     layout = without_empty_torques(layout, file)
     source = RestartingSource(file)
     destination = Path(destination_path)
+    # In the same folder, so that the finished file takes its place in one step.
     with NamedTemporaryFile(dir=destination.parent, prefix=f".{destination.name}.", delete=False) as unfinished:
         temporary = Path(unfinished.name)
     try:
+        # The uniform grid needs the period before the first row can be resampled.
         base = scan_time(source, layout, metadata.windows, part(progress, 0.0, 0.2))
-        used = windows_without(metadata.windows, metadata.exclude, base.first, base.last)
+        windows = windows_without(metadata.windows, metadata.exclude, base.first, base.last)
         poses = read_poses(source, layout, base)
         with ParquetSink(temporary, joint_names, layout.kinds) as sink:
             conditioning = Conditioning(layout, joints.known_limits, base, metadata.skip)
             if poses is None:
                 segments, sample = _convert(
-                    source, layout, base, replace(metadata, windows=used), sink, part(progress, 0.2, 0.8), conditioning
+                    source,
+                    layout,
+                    base,
+                    replace(metadata, windows=windows),
+                    sink,
+                    part(progress, 0.2, 0.8),
+                    conditioning,
                 )
             else:
                 segments = write_poses(poses, sink)
@@ -101,7 +110,7 @@ def import_recording(
                 sampling_rate=1.0 / base.period,
                 segments=segments,
                 source=_stored(temporary, joint_names, layout),
-                windows=used,
+                windows=windows,
                 role=metadata.role if poses is None else POSES,
                 payload=metadata.payload,
                 has_temperature=bool(layout.temperature),
@@ -112,17 +121,17 @@ def import_recording(
             )
             sink.describe(recording)
         surplus = surplus_columns(file.names, joints.n, metadata)
-        found = [
+        findings = [
             torque_source,
             *(Check("layout", "ok", remark) for remark in file.remarks),
             *([] if surplus is None else [surplus]),
             *torques_not_recorded(layout, joint_names),
         ]
         if poses is None:
-            found += [*time_checks(base, layout.t.source), *source.checks(layout.t.source), *conditioning.checks()]
-            checks = run_checks(recording, sample, layout, joints.known_limits, tuple(found), metadata, against)
+            findings += [*time_checks(base, layout.t.source), *source.checks(layout.t.source), *conditioning.checks()]
+            checks = run_checks(recording, sample, layout, joints.known_limits, tuple(findings), metadata, against)
         else:
-            checks = (*found, *pose_checks(poses, base))
+            checks = (*findings, *pose_checks(poses, base))
         progress(1.0, "stored")
         os.replace(temporary, destination)
     except BaseException:
@@ -138,7 +147,7 @@ def _stored(path: Path, joint_names: tuple[str, ...], layout: Layout) -> Parquet
 
 @dataclass(frozen=True, eq=False)
 class FurtherColumns:
-    """What was recorded beside positions and torques, of all joints, or not at all.
+    """Signals that were recorded besides positions and torques, each of all joints, or not at all.
 
     Parameters
     ----------
@@ -169,7 +178,7 @@ def recording_from_arrays(
     windows: Windows = (),
     name: str = "recording",
 ) -> Recording:
-    """Make a recording of arrays in SI units, held in memory; the same way as a file, without the checks of motion.
+    """Make a recording, held in memory, of arrays in SI units, without conditioning and without checks of its motion.
 
     Parameters
     ----------
@@ -183,6 +192,10 @@ def recording_from_arrays(
     windows : pairs (from, to), optional
         Seconds of t to use.
     name : str
+
+    Returns
+    -------
+    Recording
 
     Raises
     ------
@@ -202,13 +215,13 @@ def recording_from_arrays(
     values = sink.values()
     q, tau = (values[:, layout.place(kind)] for kind in ("q", "tau"))
     optional = ((kind, getattr(layout, kind)) for kind in ("temperature", "wrench", "q_command"))
-    rest = (values[:, layout.place(kind)] if columns else None for kind, columns in optional)
+    further_values = (values[:, layout.place(kind)] if columns else None for kind, columns in optional)
     return Recording(
         name=name,
         joint_names=tuple(joint_names),
         sampling_rate=1.0 / base.period,
         segments=segments,
-        source=ArraySource(q, tau, *rest),
+        source=ArraySource(q, tau, *further_values),
         windows=windows,
         role=None if poses is None else POSES,
         has_temperature=further.temperature is not None,
@@ -220,7 +233,7 @@ def recording_from_arrays(
 def condition_arrays(
     t: FloatArray, q: FloatArray, tau: FloatArray, joints: RecordedJoints, segment: IntArray | None = None
 ) -> tuple[FloatArray, FloatArray, tuple[Check, ...]]:
-    """Put right what a file's rows are put right in before its checks.
+    """Condition arrays as the rows of a file are conditioned before its checks.
 
     Parameters
     ----------
@@ -250,7 +263,7 @@ def condition_arrays(
 
 
 def scan_time(source: RawSource, layout: Layout, windows: Windows, progress: Progress = silent) -> TimeBase:
-    """First pass: the time column alone."""
+    """First pass: read the time column alone, and check the windows against it."""
     scan = TimeScan(layout.t.source)
     for rows in source.times(layout):
         scan.feed(rows)
@@ -277,7 +290,7 @@ def _convert(
     progress: Progress,
     conditioning: Conditioning | None = None,
 ) -> tuple[tuple[Segment, ...], RawSample]:
-    """Second pass: condition the rows and write them; keep a bounded sample of what was conditioned for the checks."""
+    """Second pass: condition the rows and write them; keep a bounded sample of them for the checks."""
     segmenter = Segmenter(layout, base, metadata.torque_delay)
     collector = SampleCollector(base.n_rows, len(layout.q), layout.kinds)
     blocks = source.rows(layout)
@@ -304,7 +317,7 @@ def _convert(
 
 @dataclass(frozen=True, eq=False)
 class _Arrays:
-    """Arrays that look like a file to the passes."""
+    """Arrays that the two passes read like a file."""
 
     t: FloatArray
     q: FloatArray
@@ -320,8 +333,8 @@ class _Arrays:
                 f"wrench has shape {further.wrench.shape}; {(len(self.t), 6)} is needed.", pointer="wrench"
             )
         shape = (len(self.t), len(self.joint_names))
-        given = {"q": self.q, "tau": self.tau, "temperature": further.temperature, "command": further.command}
-        for name, values in given.items():
+        arrays = {"q": self.q, "tau": self.tau, "temperature": further.temperature, "command": further.command}
+        for name, values in arrays.items():
             if values is not None and values.shape != shape:
                 raise RecordingError(f"{name} has shape {values.shape}; {shape} is needed.", pointer=name)
 

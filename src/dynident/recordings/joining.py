@@ -1,4 +1,4 @@
-"""Series of samples with clocks of their own, joined on the time of one of them."""
+"""Join series of samples with clocks of their own on the time of one of them."""
 
 from __future__ import annotations
 
@@ -42,28 +42,30 @@ class Series:
     def add(self, times: FloatArray, names: Sequence[str], values: FloatArray) -> None:
         """Append samples: times (m,), and values (m, c) of the named columns; others are ignored."""
         rows = np.full((len(times), len(self.names)), np.nan)
-        known = [index for index, name in enumerate(names) if name in self._places]
-        rows[:, [self._places[names[index]] for index in known]] = values[:, known]
+        positions = [index for index, name in enumerate(names) if name in self._places]
+        rows[:, [self._places[names[index]] for index in positions]] = values[:, positions]
         self._times = np.concatenate([self._times, times])
         self._rows = np.concatenate([self._rows, rows])
 
     def take(self, until: float) -> tuple[FloatArray, FloatArray]:
-        """Give the samples up to a time, and forget them."""
+        """Return the samples up to a time, and forget them."""
         count = int(np.searchsorted(np.maximum.accumulate(self._times), until, side="right"))
         times, rows = self._times[:count], self._rows[:count]
         self._times, self._rows = self._times[count:], self._rows[count:]
         return times, rows
 
     def read_at(self, stamps: FloatArray) -> FloatArray:
-        """(m, columns): between the samples in a straight line; NaN where there are none near."""
+        """Return the values at times (m,), by a straight line between the samples; NaN if there are none near."""
         result = np.full((len(stamps), len(self.names)), np.nan)
         if not len(self):
             return result
         order = np.argsort(self._times, kind="stable")
+        # Stamps of different sources may come a little out of order.
         times, rows = self._times[order], self._rows[order]
         after = np.clip(np.searchsorted(times, stamps), 0, len(times) - 1)
         before = np.maximum(after - 1, 0)
         longest = _LONGEST_STEP * max(self._step, 1e-9)
+        # The distance to the nearest sample outside the series, else the gap between the two samples around.
         near = np.where(
             stamps > times[-1],
             stamps - times[-1],
@@ -75,7 +77,7 @@ class Series:
         return result
 
     def forget(self, before: float) -> None:
-        """Keep the last sample before a time, and what follows it."""
+        """Forget the samples before the last one that is at most at this time."""
         count = int(np.searchsorted(self._times, before, side="right")) - 1
         if count > 0:
             self._times, self._rows = self._times[count:], self._rows[count:]
@@ -114,16 +116,28 @@ class TimeJoin:
         return len(self._series[self._main]) >= self._block_samples
 
     def rows(self, *, last: bool = False) -> JoinedRows:
-        """Give the rows that every series has reached, or all where these are the last, and forget them."""
+        """Return the rows up to the time that every series has reached, and forget them.
+
+        Parameters
+        ----------
+        last : bool
+            Whether no more samples follow: then all rows are returned.
+
+        Returns
+        -------
+        JoinedRows
+        """
         main = self._series[self._main]
+        # A series that has ended or fallen silent must not hold up all others.
         is_stalled = len(main) >= _PATIENCE * self._block_samples
-        latest = [one.latest for one in self._series.values() if len(one)]
+        latest = [other.latest for other in self._series.values() if len(other)]
         until = np.inf if last or is_stalled or not latest else min(latest)
         times, rows = main.take(until)
         values = {self._main: rows}
-        for name, one in self._series.items():
-            if one is not main:
-                values[name] = one.read_at(times)
+        for name, other in self._series.items():
+            if other is not main:
+                values[name] = other.read_at(times)
                 if len(times):
-                    one.forget(float(times[-1]))
+                    # The sample before the next row is still needed, to interpolate from.
+                    other.forget(float(times[-1]))
         return JoinedRows(times, values)

@@ -1,4 +1,4 @@
-"""Parquet columns that hold a list in every row, as LeRobot's data sets do: a column for each place in the list."""
+"""Parquet columns that hold a list in every row, as LeRobot's data sets do: one column for each place in the list."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _DEEPEST = 3
 
 
 def list_columns(path: Path, schema: pa.Schema) -> dict[str, int]:
-    """Give the columns that hold lists of numbers, and how long the first list of each is."""
+    """Return the columns that hold lists of numbers, with the length of the first list of each."""
     names = [
         field.name
         for field in schema
@@ -42,26 +42,39 @@ def list_columns(path: Path, schema: pa.Schema) -> dict[str, int]:
 
 
 def places_of(path: Path, lists: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
-    """Give the columns that every list becomes: state1, state2, …, or state.shoulder.pos where the data set names them.
+    """Return the names of the columns that every list becomes.
 
-    A data set of LeRobot says in `meta/info.json` what stands in the lists of its files.
+    They are state1, state2, …, or state.shoulder.pos where the data set names them: a data set of LeRobot says in
+    `meta/info.json` what stands in the lists of its files.
+
+    Parameters
+    ----------
+    path : path
+        Of the Parquet file.
+    lists : mapping
+        Lengths of the lists by column.
+
+    Returns
+    -------
+    mapping
+        Of columns to the names of their places.
     """
-    stated = _stated(path)
-    return {name: stated.get((name, length)) or counted_names(name, length) for name, length in lists.items()}
+    names = _stated(path)
+    return {name: names.get((name, length)) or counted_names(name, length) for name, length in lists.items()}
 
 
 def spread_names(schema: pa.Schema, lists: Mapping[str, tuple[str, ...]]) -> list[str]:
-    """Names of the columns, with those of every list in its place."""
+    """Return the names of the columns, with those of every list in its place."""
     return [name for field in schema for name in lists.get(field.name, (field.name,))]
 
 
 def stored_name(name: str, lists: Mapping[str, tuple[str, ...]]) -> str:
-    """The column of the file that a column is in."""
-    return next((one for one, names in lists.items() if name in names), name)
+    """Return the column of the file that holds a column."""
+    return next((column for column, names in lists.items() if name in names), name)
 
 
 def spread(batch: pa.RecordBatch, columns: list[str], lists: Mapping[str, tuple[str, ...]]) -> pa.RecordBatch:
-    """Give the columns that are asked for, those in lists among them."""
+    """Return a batch of the requested columns, those in lists among them."""
     values = []
     for name in columns:
         stored = stored_name(name, lists)
@@ -69,6 +82,7 @@ def spread(batch: pa.RecordBatch, columns: list[str], lists: Mapping[str, tuple[
         if stored in lists:
             place = lists[stored].index(name)
             short = pc.less_equal(pc.list_value_length(column), place)
+            # Arrow's list_element fails at lists that are too short: those give NaN, by the slow way.
             if pc.any(short).as_py():
                 rows = [row[place] if row is not None and len(row) > place else np.nan for row in column.to_pylist()]
                 column = from_numbers(np.array(rows, dtype=np.float64))
@@ -79,14 +93,16 @@ def spread(batch: pa.RecordBatch, columns: list[str], lists: Mapping[str, tuple[
 
 
 def counted_names(name: str, length: int) -> tuple[str, ...]:
-    """Name the places of a list: q1, q2, …."""
+    """Return names for the places of a list: q1, q2, …."""
     joint = "_" if name[-1:].isdigit() else ""
     return tuple(f"{name}{joint}{index + 1}" for index in range(length))
 
 
 def _stated(path: Path) -> dict[tuple[str, int], tuple[str, ...]]:
-    """The columns of a data set's lists, by their name and length; nothing where the file lies in none."""
-    about = next((one for folder in path.absolute().parents[:_DEEPEST] if (one := folder / _ABOUT).is_file()), None)
+    """Return the names of a data set's lists, by column and length; none if the file lies in no data set."""
+    about = next(
+        (candidate for folder in path.absolute().parents[:_DEEPEST] if (candidate := folder / _ABOUT).is_file()), None
+    )
     try:
         features = json.loads(about.read_text(encoding="utf-8"))["features"] if about is not None else {}
         named = {name: _flat(feature.get("names")) for name, feature in features.items()}
@@ -100,7 +116,7 @@ def _stated(path: Path) -> dict[tuple[str, int], tuple[str, ...]]:
 
 
 def _flat(names: Any) -> list[str]:
-    """Names as a list, or in groups: {"motors": [...]}."""
+    """Return names as one list, of a list or of groups: {"motors": [...]}."""
     if isinstance(names, dict):
         return [place for part in names.values() for place in _flat(part)]
     return [str(place) for place in names] if isinstance(names, list) else []

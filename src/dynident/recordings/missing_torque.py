@@ -1,4 +1,4 @@
-"""Joints that move and whose torque was not recorded: some drivers have no interface for it."""
+"""Joints that move but whose torque was not recorded: some drivers have no interface for it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,19 @@ from dynident.recordings.types import Check
 
 
 def without_empty_torques(layout: Layout, file: FileSource) -> Layout:
-    """Take torques that hold no number in any row of a file for not recorded.
+    """Mark torques without a number in any row of a file as not recorded.
 
     Not where motors act on several joints: each torque is then made of several columns. Nor where no torque holds a
     number, of which the checks say that nothing can be identified from it.
+
+    Parameters
+    ----------
+    layout : Layout
+    file : FileSource
+
+    Returns
+    -------
+    Layout
     """
     if layout.mixing is not None:
         return layout
@@ -38,7 +47,7 @@ def without_empty_torques(layout: Layout, file: FileSource) -> Layout:
 
 
 def torques_not_recorded(layout: Layout, joint_names: Sequence[str]) -> tuple[Check, ...]:
-    """Say which joints have no torque, if there are any."""
+    """Return a warning that names the joints without torque, if there are any."""
     if not layout.without_torque:
         return ()
     names = [joint_names[joint] for joint in layout.without_torque]

@@ -1,4 +1,4 @@
-"""What recordings are called after the files that they come from, and which files these are."""
+"""Names of recordings, after their files, and the files of which a path is made."""
 
 from __future__ import annotations
 
@@ -12,7 +12,16 @@ JOINT = "+"
 
 
 def unique_names(paths: Iterable[Path]) -> list[str]:
-    """A name for every file: its stem, with a number behind it where two files share one."""
+    """Return a name for every file: its stem, with a number behind it if two files share one.
+
+    Parameters
+    ----------
+    paths : iterable of path
+
+    Returns
+    -------
+    list of str
+    """
     names: list[str] = []
     for path in paths:
         stem = parts_of(path)[0].stem
@@ -24,7 +33,7 @@ def unique_names(paths: Iterable[Path]) -> list[str]:
 
 
 def parts_of(path: Path) -> list[Path]:
-    """Give the files that a path names: itself, or those of `folder/q.csv+tau.csv`, which lie beside the first.
+    """Return the files that a path names: itself, or those of `folder/q.csv+tau.csv`, which lie beside the first.
 
     Parameters
     ----------
@@ -44,7 +53,16 @@ def parts_of(path: Path) -> list[Path]:
 
 
 def readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:
-    """Give the path of a recording, in one file or in several.
+    """Return the path of a recording, in one file or in several.
+
+    Parameters
+    ----------
+    path : str, path, or tuple of them
+        A tuple for one recording in several files.
+
+    Returns
+    -------
+    path
 
     Raises
     ------
@@ -57,8 +75,8 @@ def readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:
             f"{path!r} is no path; give the files one by one, read_recordings(*paths, robot=robot), and as a tuple "
             "those that are one recording"
         )
-    found = Path(JOINT.join(map(str, several)))
-    for part in parts_of(found):
+    joined = Path(JOINT.join(map(str, several)))
+    for part in parts_of(joined):
         if not part.is_file():
             raise DynidentError(f"there is no file {part}", pointer=str(part), title="No such file")
-    return found
+    return joined

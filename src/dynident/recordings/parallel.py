@@ -1,4 +1,4 @@
-"""Parallel filtering and decimation of the columns of W and Y alike (§12.4), on a stream of rows."""
+"""The parallel filter: low-pass and decimate the columns of W and Y alike (§12.4), on a stream of rows."""
 
 from __future__ import annotations
 
@@ -23,17 +23,30 @@ class FilteredRows(NamedTuple):
 
 
 def low_pass(rate: float, cutoff: float | None) -> FloatArray:
-    """Give the taps (2 h + 1,) of the linear-phase low-pass: a windowed sinc (Kaiser), unit gain at zero frequency.
+    """Return the taps of the linear-phase low-pass: a windowed sinc (Kaiser), unit gain at zero frequency.
 
     The transition band reaches from half to one and a half times the cut-off (narrower near the Nyquist frequency);
-    the taps are symmetric, so that reading the output h samples earlier leaves no phase lag. `cutoff` None: one tap.
+    the taps are symmetric, so that reading the output h samples earlier leaves no phase lag.
+
+    Parameters
+    ----------
+    rate : float
+        Sampling rate in Hz.
+    cutoff : float or None
+        Cut-off frequency in Hz; None: one tap.
+
+    Returns
+    -------
+    (2 h + 1,)
     """
     if cutoff is None:
         return np.ones(1)
     half_width = min(0.5 * cutoff, 0.9 * (0.5 * rate - cutoff))
     width = 2.0 * half_width / (0.5 * rate)
+    # Kaiser's formula for the length that gives this attenuation outside this transition band.
     half = max(1, ceil((ATTENUATION - 7.95) / (2.285 * pi * width) / 2.0))
     taps: FloatArray = signal.firwin(2 * half + 1, cutoff, window=("kaiser", signal.kaiser_beta(ATTENUATION)), fs=rate)
+    # Exactly symmetric: rounding must not give the filter a phase.
     return 0.5 * (taps + taps[::-1])
 
 
@@ -79,23 +92,33 @@ class ParallelFilter:
         return len(self.taps)
 
     def push(self, values: FloatArray, t: FloatArray, used: BoolArray, starts_segment: bool = False) -> FilteredRows:
-        """Take the next rows: values (m, …), t (m,), used (m,); give the output rows that are now complete.
+        """Take the next rows and return the output rows that are now complete.
 
-        `starts_segment` says that the first row begins a new segment: what is left of the previous one comes first
-        in the answer. Call `flush` before it to have the two apart.
+        Parameters
+        ----------
+        values : (m, …)
+        t : (m,)
+        used : (m,)
+        starts_segment : bool
+            Whether the first row begins a new segment: what is left of the previous one comes first in the answer. Call
+            `flush` before it to have the two apart.
+
+        Returns
+        -------
+        FilteredRows
         """
         if not (len(values) == len(t) == len(used)):
             raise ValueError(f"{len(values)} rows of values, {len(t)} times, {len(used)} marks: they have to agree")
-        rest = self.flush() if starts_segment and self._rows is not None else None
+        remaining = self.flush() if starts_segment and self._rows is not None else None
         self._shape = values.shape[1:]
         rows = np.ascontiguousarray(values, dtype=np.float64).reshape(len(values), prod(self._shape))
-        given = self._advance(rows, t, used)
-        if rest is None or not len(rest.t):
-            return given
-        return FilteredRows(*(np.concatenate(pair) for pair in zip(rest, given, strict=True)))
+        filtered = self._advance(rows, t, used)
+        if remaining is None or not len(remaining.t):
+            return filtered
+        return FilteredRows(*(np.concatenate(pair) for pair in zip(remaining, filtered, strict=True)))
 
     def flush(self) -> FilteredRows:
-        """End the segment: give the output rows whose window lies inside it and that are not yet given."""
+        """End the segment; return its output rows whose window lies inside it and that are still due."""
         rows, t, used = self._rows, self._t, self._used
         self._rows, self._t, self._used, self._skip = None, np.empty(0), np.empty(0, dtype=bool), self._offset
         if rows is None or len(rows) < self.span:
@@ -117,6 +140,7 @@ class ParallelFilter:
         reach = self._band.shape[1]
         n_kept = len(self._rows)
         n_all = n_kept + len(rows)
+        # Whole tiles only: how rows are cut into blocks changes no output.
         n_tiles = max(0, (n_all - reach) // step + 1)
         # Tiles that begin among the rows kept from earlier blocks; all others lie in the new rows, read in place.
         n_border = min(n_tiles, ceil(n_kept / step))
@@ -130,20 +154,21 @@ class ParallelFilter:
         all_t = np.concatenate([self._t, t])
         all_used = np.concatenate([self._used, used])
         out_t, out_used = self._marks(all_t, all_used, n_tiles * self._tile)
-        taken = n_tiles * step
-        if taken >= n_kept:
-            self._rows = rows[taken - n_kept :].copy()
+        n_consumed = n_tiles * step
+        if n_consumed >= n_kept:
+            self._rows = rows[n_consumed - n_kept :].copy()
         else:
-            self._rows = np.concatenate([self._rows[taken:], rows])
-        self._t, self._used = all_t[taken:], all_used[taken:]
+            self._rows = np.concatenate([self._rows[n_consumed:], rows])
+        self._t, self._used = all_t[n_consumed:], all_used[n_consumed:]
         # Decimation by more than the window's span: rows that no window covers are yet to come.
-        self._skip += max(0, taken - n_all)
+        self._skip += max(0, n_consumed - n_all)
         return self._given(values, out_t, out_used)
 
     def _multiply(self, rows: FloatArray, n_tiles: int, out: FloatArray) -> None:
         """Fill `out` (n_tiles tile, k): one product for each tile, its rows read in place."""
         step, (tile, reach), width = self._tile * self.decimation, self._band.shape, rows.shape[1]
         row, item = rows.strides
+        # Tiles overlap by the filter's window: strides let them share the rows without copies.
         tiles = np.lib.stride_tricks.as_strided(
             rows, shape=(n_tiles, reach, width), strides=(step * row, row, item), writeable=False
         )
@@ -153,6 +178,7 @@ class ParallelFilter:
         if not count:
             return np.empty(0), np.empty(0, dtype=bool)
         first = np.arange(count) * self.decimation
+        # Used rows under each window, by differences of the running count.
         before = np.concatenate([[0], np.cumsum(used)])
         complete: BoolArray = before[first + self.span] - before[first] == self.span
         return t[first + self.half], complete
@@ -162,12 +188,12 @@ class ParallelFilter:
 
 
 def _tile_length(n_taps: int, decimation: int) -> int:
-    """Output rows in a tile: enough for a matrix product to be efficient, few enough not to multiply mostly zeros."""
+    """Return the output rows of a tile: enough for an efficient matrix product, few enough to have few zeros."""
     return int(np.clip(round(0.5 * n_taps / decimation), 4, 64))
 
 
 def _banded(taps: FloatArray, decimation: int, tile: int) -> FloatArray:
-    """Give the matrix (tile, (tile - 1) d + span) whose row i holds the taps from column i d on."""
+    """Return the matrix (tile, (tile - 1) d + span) whose row i holds the taps from column i d on."""
     band = np.zeros((tile, (tile - 1) * decimation + len(taps)))
     for index in range(tile):
         band[index, index * decimation : index * decimation + len(taps)] = taps

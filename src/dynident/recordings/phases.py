@@ -1,4 +1,4 @@
-"""When a joint moves, turns round or stands still: decided once, from the raw positions, for all that uses rows.
+"""Phases of joints: when each moves, reverses or stands still, decided once from the raw positions.
 
 Dry friction has a sign only while a joint moves. Where it stands or sticks, its torque is whatever holds it, anything
 up to its static friction, and `Fc sign(q̇)` says nothing. Where it turns round without sticking, the sign changes
@@ -95,8 +95,9 @@ class Halts:
     turns: BoolArray
 
     def near(self, t: FloatArray, before: float, after: float, chosen: BoolArray) -> BoolArray:
-        """(m,): which of the times t (m,) are at most `before` s ahead of, or `after` s behind, a chosen halt."""
+        """Return (m,): which times t (m,) are at most `before` s ahead of, or `after` s behind, a chosen halt."""
         starts, ends = self.starts[chosen] - before, self.ends[chosen] + after
+        # Intervals are sorted: a time lies in one if more of them have begun than are over.
         begun = np.searchsorted(starts, t, side="right")
         over = np.searchsorted(ends, t, side="left")
         return np.asarray(begun > over)
@@ -110,37 +111,58 @@ class Phases:
 
     @property
     def free(self) -> BoolArray:
-        """(n,): joints that turn round without sticking nearly always.
+        """Joints (n,) that turn round without sticking nearly always.
 
         Where a joint sticks at some of its turns, it may stick unseen, for a moment, at the others.
         """
-        found = []
+        turns_freely = []
         for joint in zip(*self.halts, strict=True):
             turns = np.concatenate([halts.turns for halts in joint])
             sticks = np.concatenate([halts.sticks for halts in joint])[turns]
-            found.append(len(sticks) > 0 and float(sticks.mean()) <= _SELDOM)
-        return np.array(found, dtype=bool)
+            turns_freely.append(len(sticks) > 0 and float(sticks.mean()) <= _SELDOM)
+        return np.array(turns_freely, dtype=bool)
 
     def at(self, segment: int, t: FloatArray, width: float, after: float = 0.0) -> PhaseArray:
-        """(m, n): the phase of every joint at times t (m,) of a segment.
+        """Return the phase of every joint at times of a segment.
 
         Parameters
         ----------
+        segment : int
+        t : (m,)
+            s.
         width : float
             Seconds that a filter smears to either side: rows nearer than that to a halt are part of it.
         after : float
             Seconds that a halt is felt later on top of that, by a filter with a memory.
+
+        Returns
+        -------
+        (m, n)
         """
         out = np.zeros((len(t), len(self.halts[segment])), dtype=np.int8)
         for j, halts in enumerate(self.halts[segment]):
             everyone = np.ones(len(halts.starts), dtype=bool)
+            # All halts are reversals first; those that stick then count as standstills.
             out[halts.near(t, width, width + after, everyone), j] = Phase.REVERSING
             out[halts.near(t, width, width + after, halts.sticks), j] = Phase.STANDING
         return out
 
 
 def width_of(preprocessing: Preprocessing, rate: float) -> float:
-    """Seconds that the filters smear a halt over, to either side: 1 / the lower cut-off; a period without filters."""
+    """Return the seconds that the filters smear a halt over, to either side.
+
+    That is 1 / the lower cut-off, or a period without filters.
+
+    Parameters
+    ----------
+    preprocessing : Preprocessing
+    rate : float
+        Sampling rate in Hz.
+
+    Returns
+    -------
+    float
+    """
     cutoffs = [f for f in (preprocessing.position_cutoff, preprocessing.torque_cutoff) if f is not None]
     # Half a period more, so that rounding does not decide about rows on the border.
     return (1.0 / min(cutoffs) if cutoffs else 1.0 / rate) + 0.5 / rate
@@ -148,29 +170,52 @@ def width_of(preprocessing: Preprocessing, rate: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class PhaseShares:
-    """Share (n,) of every joint's time in which it stands, and in which it turns round; in the rest it moves."""
+    """Share (n,) of every joint's time in which it stands, and in which it reverses; in the rest it moves."""
 
     standing: FloatArray
     reversing: FloatArray
 
 
+# Computed once for each recording, and kept as long as it lives: it takes two passes over the positions.
 _known: WeakKeyDictionary[Recording, Phases] = WeakKeyDictionary()
 
 
 def phases_of(recording: Recording) -> Phases:
-    """The phases of a recording, found once."""
+    """Return the phases of a recording, computed once."""
     if recording not in _known:
         _known[recording] = phases_of_others(recording, lambda q: q, recording.n)
     return _known[recording]
 
 
 def phases_of_others(recording: Recording, positions: Callable[[FloatArray], FloatArray], n: int) -> Phases:
-    """The phases of n joints whose positions (m, n) follow from those of the recorded joints, sample by sample."""
+    """Return the phases of joints whose positions follow from those of the recorded joints, sample by sample.
+
+    Parameters
+    ----------
+    recording : Recording
+    positions : function
+        Gives positions (m, n) of these joints from those (m, N) of the recorded ones.
+    n : int
+        Number of these joints.
+
+    Returns
+    -------
+    Phases
+    """
     return Phases(tuple(_in_segment(recording, k, positions, n) for k in range(len(recording.segments))))
 
 
 def phase_shares(recording: Recording) -> PhaseShares:
-    """How much of a recording, inside its windows, every joint stands or turns round: as recorded, without filters."""
+    """Return how much of a recording, inside its windows, every joint stands or reverses: as recorded, without filters.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    PhaseShares
+    """
     if is_of_poses(recording):
         return PhaseShares(np.ones(recording.n), np.zeros(recording.n))
     phases = phases_of(recording)
@@ -182,8 +227,8 @@ def phase_shares(recording: Recording) -> PhaseShares:
             samples = np.arange(first, min(first + _COUNTED, segment.length), dtype=np.float64)
             t: FloatArray = segment.start_time + samples * recording.period
             t = t[recording.inside_windows(t)]
-            found = phases.at(k, t, width)
-            counts += np.array([(found == phase).sum(axis=0) for phase in Phase])
+            phase_rows = phases.at(k, t, width)
+            counts += np.array([(phase_rows == phase).sum(axis=0) for phase in Phase])
             total += len(t)
     shares = counts / max(total, 1)
     return PhaseShares(shares[Phase.STANDING], shares[Phase.REVERSING])
@@ -192,7 +237,7 @@ def phase_shares(recording: Recording) -> PhaseShares:
 def _in_segment(
     recording: Recording, index: int, positions: Callable[[FloatArray], FloatArray], n: int
 ) -> tuple[Halts, ...]:
-    """The halts of n joints in a segment, from its raw positions, read twice in blocks."""
+    """Return the halts of n joints in a segment, from its raw positions, read twice in blocks."""
     segment, rate = recording.segments[index], recording.sampling_rate
 
     def blocks() -> Iterator[FloatArray]:
@@ -209,6 +254,7 @@ def _in_segment(
         for j, (path, run) in enumerate(zip(paths, runs, strict=True)):
             if run is not None:
                 run.push(joined[:, j], first, len(held) > 0, path, reach)
+        # A speed is taken over `reach` samples to either side: so many rows are needed again with the next block.
         keep = min(2 * reach + 1, len(joined))
         first += len(joined) - keep
         held = joined[len(joined) - keep :]
@@ -224,7 +270,7 @@ def _standing_throughout(start: float, end: float) -> Halts:
 
 @dataclass(frozen=True)
 class _Path:
-    """What is known of one joint's positions in a segment: whether it `moves`, and how its speed is taken.
+    """One joint's positions in a segment: whether it `moves`, and how its speed is computed.
 
     Speeds are differences over `reach` samples to either side, times `factor`; below `slow` it may as well stand.
     """
@@ -236,7 +282,7 @@ class _Path:
 
 
 def _survey(blocks: Iterator[FloatArray], n: int, rate: float) -> list[_Path]:
-    """Look at all positions once."""
+    """Look at all positions once: spans, rms speeds, and a sample that tells their resolution."""
     low, high, squares, count = np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), 0
     sample, last = np.zeros((0, n)), np.zeros((0, n))
     for q in blocks:
@@ -256,14 +302,15 @@ def _path(sample: FloatArray, count: int, travel: float, rms: float, rate: float
     if count < 3 or travel <= STANDS:
         return _Path(False, 1, 0.5 * rate, SLOW)
     slow = min(SLOW, SLOW_SHARE * rms)
+    # Three standard deviations of a difference of two positions.
     uncertain = np.sqrt(2.0) * _DEVIATIONS * _resolution(sample)
-    wanted = max(uncertain / max(slow, 1e-12), _SHORTEST_STEP)
-    reach = min(max(1, ceil(0.5 * rate * min(wanted, _LONGEST_STEP))), (count - 1) // 2)
+    needed = max(uncertain / max(slow, 1e-12), _SHORTEST_STEP)
+    reach = min(max(1, ceil(0.5 * rate * min(needed, _LONGEST_STEP))), (count - 1) // 2)
     return _Path(True, reach, rate / (2 * reach), max(slow, uncertain * rate / (2 * reach)))
 
 
 class _Runs:
-    """Runs of samples at which one joint is slow or fast, as blocks come."""
+    """Runs of samples at which one joint is slow or fast, collected block by block."""
 
     def __init__(self) -> None:
         # Of each run its first and last sample, and whether it is slow anywhere; its direction at either end.
@@ -292,7 +339,7 @@ class _Runs:
             _join(self._fast, start + a, start + b, int(np.sign(speed[a])), int(np.sign(speed[b])))
 
     def halts(self, path: _Path, start: float, length: int, rate: float) -> Halts:
-        """When the joint is slow.
+        """Return when the joint is slow.
 
         Where positions are too coarse or too noisy to tell, it stands throughout if it is slow all in all, and never
         otherwise.
@@ -315,13 +362,13 @@ class _Runs:
 
 
 def _spans(mask: BoolArray) -> list[tuple[int, int]]:
-    """First and last index of every run of true values."""
+    """Return first and last index of every run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _join(runs: array[int], first: int, last: int, *more: int) -> None:
-    """Put a run behind the others, or on to the last one where it goes on.
+    """Append a run to the others, or extend the last one if it goes on.
 
     Of `more`, one number is true or false of any part of the run, and the last of two is about its end.
     """
@@ -334,20 +381,28 @@ def _join(runs: array[int], first: int, last: int, *more: int) -> None:
 
 
 def _resolution(q: FloatArray) -> float:
-    """Standard deviation of one position about its surroundings: noise, or what rounding leaves."""
+    """Return the standard deviation of one position about its surroundings: noise, or rounding."""
     if len(q) < 3:
         return 0.0
+    # Second differences are free of smooth motion. Their variance is 1 + 4 + 1 = 6 times the noise's, and 1.4826
+    # makes the median of absolute values a standard deviation.
     noise = float(np.median(np.abs(q[2:] - 2.0 * q[1:-1] + q[:-2]))) * 1.4826 / np.sqrt(6.0)
     steps = np.abs(np.diff(q))
     steps = steps[steps > 0]
     quantum = float(np.quantile(steps, 0.02)) if len(steps) else 0.0
+    # Rounding to steps of a size is spread evenly over it: its standard deviation is the size / √12.
     return float(max(noise, quantum / np.sqrt(12.0)))
 
 
 def _sticking(fast: IntArray, first: IntArray, last: IntArray) -> tuple[BoolArray, BoolArray]:
-    """(k,), (k,): halts, from sample `first` to `last` (k,), that are no free turns; and those that are turns.
+    """Return which halts are no free turns, and which are reversals.
 
-    `fast` (f, 4): first and last sample of every run at which the joint is fast, and its direction at either.
+    Parameters
+    ----------
+    fast : (f, 4)
+        First and last sample of every run at which the joint is fast, and its direction at either.
+    first, last : (k,)
+        Samples of the halts.
     """
     sticks, turns = np.ones(len(first), dtype=bool), np.zeros(len(first), dtype=bool)
     before = np.searchsorted(fast[:, 1], first) - 1
@@ -356,6 +411,7 @@ def _sticking(fast: IntArray, first: IntArray, last: IntArray) -> tuple[BoolArra
     if not len(inside):
         return sticks, turns
     came, went = fast[before[inside]], fast[behind[inside]]
+    # The time from fast to slow or from slow to fast, the shorter of the two: the larger acceleration.
     side = np.minimum(first[inside] - came[:, 1], went[:, 0] - last[inside])
     # From 5 to 2 times the slow speed, and from 2 times one way to 2 times the other, at one acceleration.
     free = side * (2.0 * _SLOWLY / (_FASTER - _SLOWLY))

@@ -1,4 +1,4 @@
-"""Recordings of poses: a row a pose at which the robot stands, seconds apart, as gravity is calibrated from.
+"""Recordings of poses: each row is a pose at which the robot stands, seconds apart, as for calibrating gravity.
 
 Nothing can be filtered or differentiated across them: every row is a segment of its own.
 """
@@ -34,31 +34,42 @@ _SHARE = 0.5
 
 
 def jump_from_row_to_row(q: FloatArray) -> bool:
-    """Whether positions (m, n) in rad or m are poses in a list, and no samples of a motion."""
+    """Return whether positions are poses in a list, and no samples of a motion.
+
+    Parameters
+    ----------
+    q : (m, n)
+        rad or m.
+
+    Returns
+    -------
+    bool
+    """
     if len(q) < FEWEST:
         return False
     moves = np.ptp(q, axis=0) > _MOVES
     if not moves.any():
         return False
+    # A motion is smooth: its second differences are small against its spread; those of unrelated poses are not.
     second = np.sqrt((np.diff(q[:, moves], n=2, axis=0) ** 2).mean(axis=0))
     return bool((second > _ROUGH * q[:, moves].std(axis=0)).mean() >= _SHARE)
 
 
 def is_of_poses(recording: Recording) -> bool:
-    """Whether a recording has a row a pose."""
+    """Return whether each row of a recording is a pose."""
     return recording.role == POSES
 
 
 def read_poses(source: RawSource, layout: Layout, base: TimeBase) -> RawRows | None:
-    """Read a file whose rows are poses; None where they are samples of a motion."""
+    """Read a file whose rows are poses; None if they are samples of a motion."""
     if base.typical <= LONGEST_PERIOD or not FEWEST <= base.n_rows <= MOST_ROWS:
         return None
     blocks = list(source.rows(layout))
     t, segment, values = (
         np.concatenate([getattr(block, name) for block in blocks]) for name in ("t", "segment", "values")
     )
-    kept = np.all(are_readings(values[:, layout.needed]), axis=1)
-    rows = RawRows(0, t[kept], segment[kept], values[kept])
+    is_complete = np.all(are_readings(values[:, layout.needed]), axis=1)
+    rows = RawRows(0, t[is_complete], segment[is_complete], values[is_complete])
     return rows if jump_from_row_to_row(rows.values[:, layout.place("q")]) else None
 
 
@@ -72,7 +83,7 @@ def write_poses(rows: RawRows, sink: ParquetSink | ArraySink) -> tuple[Segment, 
 
 
 def pose_rows(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times (m,), positions and torques (m, n) of the poses inside the windows."""
+    """Return times (m,), positions and torques (m, n) of the poses inside the windows."""
     blocks = list(recording.source.rows(0, recording.n_samples, recording.n_samples))
     q, tau = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("q", "tau"))
     t = np.array([segment.start_time for segment in recording.segments])
@@ -81,14 +92,14 @@ def pose_rows(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]
 
 
 def pose_checks(rows: RawRows, base: TimeBase) -> tuple[Check, ...]:
-    """Say what kind of recording it is, and how many rows held no numbers."""
+    """Report that the rows are poses, and how many rows held no numbers."""
     lost = base.n_rows - len(rows.t)
-    told = f" {lost} rows hold no numbers and are left out." if lost else ""
+    remark = f" {lost} rows hold no numbers and are left out." if lost else ""
     return (
         Check(
             "poses",
             "warning" if lost else "ok",
             f"{len(rows.t)} poses at rest, a row each, {base.typical:.3g} s apart: gravity and constant torques can be "
-            f"identified from them, and nothing of the dynamics.{told}",
+            f"identified from them, and nothing of the dynamics.{remark}",
         ),
     )

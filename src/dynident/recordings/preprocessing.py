@@ -1,4 +1,4 @@
-"""The choices between a recording and the equations: cut-off frequencies, order, decimation."""
+"""Preprocessing: cut-off frequencies, filter order and decimation, between a recording and the equations."""
 
 from __future__ import annotations
 
@@ -64,11 +64,20 @@ class Preprocessing:
             )
 
 
-FIELDS = tuple(one.name for one in fields(PreprocessingChoices))
+FIELDS = tuple(field.name for field in fields(PreprocessingChoices))
 
 
 def values_from_request(request: object) -> dict[str, float | int | None]:
-    """Give the fields that a user has set, checked for their kind; "auto" counts as not set.
+    """Return the fields that a user has set, checked for their kind; "auto" counts as not set.
+
+    Parameters
+    ----------
+    request : mapping
+        As it came from the user.
+
+    Returns
+    -------
+    dict
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A user's file as it is: named columns in blocks of rows, whatever its format."""
+"""A user's file as it is, whatever its format: named columns in blocks of rows."""
 
 from __future__ import annotations
 
@@ -29,16 +29,24 @@ class RawSource(Protocol):
     """A file, or arrays, that can be read from the beginning as often as needed."""
 
     def times(self, layout: Layout) -> Iterator[RawRows]:
-        """Give t and segment alone; values are empty."""
+        """Yield t and segment alone; values are empty."""
         ...
 
     def rows(self, layout: Layout) -> Iterator[RawRows]:
-        """Give everything that the layout names."""
+        """Yield everything that the layout names."""
         ...
 
 
 class FileSource:
-    """A file of the user's with named columns; `units` are those that the file states, by its columns."""
+    """A user's file with named columns.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the columns.
+    units : mapping, optional
+        Units that the file states, by column.
+    """
 
     sample_rows = 1 << 16
     """First rows that are enough of a sample to tell the columns, and are read in a moment."""
@@ -57,24 +65,24 @@ class FileSource:
         self.units = dict(units or {})
 
     def blocks(self) -> Iterator[FloatArray]:
-        """Give all columns as they are, (m, columns) at a time; what is no number is NaN."""
+        """Yield all columns as they are, (m, columns) at a time; what is no number is NaN."""
         first = 0
         for batch in self._batches(self.names):
             yield np.column_stack([floats_of(batch, name, first) for name in self.names])
             first += batch.num_rows
 
     def times(self, layout: Layout) -> Iterator[RawRows]:
-        """Give t and segment alone; values are empty."""
+        """Yield t and segment alone; values are empty."""
         yield from self._read(layout, ())
 
     def rows(self, layout: Layout) -> Iterator[RawRows]:
-        """Give everything that the layout names."""
+        """Yield everything that the layout names."""
         yield from self._read(layout, tuple(column.source for column in layout.columns))
 
     def _read(self, layout: Layout, columns: tuple[str, ...]) -> Iterator[RawRows]:
-        wanted = [layout.t.source, *([layout.segment.source] if layout.segment else []), *columns]
+        sources = [layout.t.source, *([layout.segment.source] if layout.segment else []), *columns]
         first = 0
-        for batch in self._batches(list(dict.fromkeys(wanted))):
+        for batch in self._batches(list(dict.fromkeys(sources))):
             t = layout.t.convert(floats_of(batch, layout.t.source, first))
             segment = np.zeros(len(t), dtype=np.int64)
             if layout.segment is not None:
@@ -83,12 +91,13 @@ class FileSource:
             for index, column in enumerate(layout.columns if columns else ()):
                 values[:, index] = column.convert(floats_of(batch, column.source, first))
             if columns and layout.mixing is not None:
+                # Motors that act on several joints: their torques are turned into the joints' torques row by row.
                 values[:, layout.place("tau")] = values[:, layout.place("tau")] @ layout.mixing
             yield RawRows(first, t, segment, values)
             first += len(t)
 
     def batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        """Give some columns as they are stored."""
+        """Yield some columns as they are stored."""
         return self._batches(columns)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
@@ -104,11 +113,30 @@ def _check_name(name: str) -> None:
 
 
 def floats_of(batch: pa.RecordBatch, name: str, first_row: int) -> FloatArray:
-    """Give a column as float64, nulls as NaN; instants in time as seconds."""
+    """Return a column as float64.
+
+    Parameters
+    ----------
+    batch : pyarrow.RecordBatch
+    name : str
+    first_row : int
+        Of the batch, for the message of an error.
+
+    Returns
+    -------
+    (m,)
+        Nulls are NaN, instants in time are seconds.
+
+    Raises
+    ------
+    RecordingError
+        For a column of another kind.
+    """
     column = batch.column(batch.schema.get_field_index(name))
     kind = column.type
     try:
         if pa.types.is_timestamp(kind):
+            # Time stamps of any resolution, by way of nanoseconds since 1970.
             column = column.cast(pa.timestamp("ns")).cast(pa.int64())
             return to_floats(column.cast(pa.float64(), safe=False)) * 1e-9
         if pa.types.is_dictionary(kind):

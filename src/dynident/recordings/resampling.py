@@ -1,4 +1,4 @@
-"""Jittering samples onto a uniform grid, in a stream."""
+"""Resample jittering samples onto a uniform grid, in a stream."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Resampler:
         self._started = False
 
     def push(self, t: FloatArray, values: FloatArray) -> FloatArray:
-        """Take samples at increasing times t (m,), values (m, c); give the grid rows that are now settled."""
+        """Take samples at increasing times t (m,), values (m, c); return the grid rows that are now settled."""
         if not self._started:
             self._start, self._started = float(t[0]) + self._lead, True
             self._t, self._values = t, values
@@ -46,13 +46,15 @@ class Resampler:
             return self._values[:0]
         # Settled: before the last but one sample, so that two samples stand on either side.
         count = floor((self._t[-2] - self._start) / self._period - SNAP) + 1 - self._n_given
-        given = self._interpolated(count)
+        rows = self._interpolated(count)
+        # The next grid row needs two samples before it: earlier ones are forgotten.
         keep = max(0, int(np.searchsorted(self._t, self._next_time(), side="right")) - 3)
         self._t, self._values = self._t[keep:], self._values[keep:]
-        return given
+        return rows
 
     def finish(self) -> FloatArray:
-        """End the stretch: give the grid rows up to its last sample."""
+        """End the stretch; return the grid rows up to its last sample."""
+        # A hundredth of a period: rounding must not cost the last row.
         count = floor((self._t[-1] - self._start) / self._period + 0.01) + 1 - self._n_given
         return self._interpolated(count)
 
@@ -62,9 +64,9 @@ class Resampler:
     def _interpolated(self, count: int) -> FloatArray:
         if count <= 0:
             return self._values[:0]
-        wanted = self._start + (self._n_given + np.arange(count, dtype=np.float64)) * self._period
+        times = self._start + (self._n_given + np.arange(count, dtype=np.float64)) * self._period
         self._n_given += count
-        return interpolated(self._t, self._values, wanted, self._period)
+        return interpolated(self._t, self._values, times, self._period)
 
 
 class ShiftedResampler:
@@ -84,63 +86,80 @@ class ShiftedResampler:
         return max(0.0, -self._delay)
 
     def push(self, t: FloatArray, values: FloatArray) -> FloatArray:
-        """Take samples; give the rows of which all parts are settled."""
+        """Take samples; return the rows of which all parts are settled."""
         torque = values[:, self._n : 2 * self._n]
-        rest = np.delete(values, np.s_[self._n : 2 * self._n], axis=1)
-        return self._joined(self._rest.push(t, rest), self._torque.push(t, torque))
+        others = np.delete(values, np.s_[self._n : 2 * self._n], axis=1)
+        return self._joined(self._rest.push(t, others), self._torque.push(t, torque))
 
     def finish(self) -> FloatArray:
-        """End the stretch: give the rows that have all their parts."""
+        """End the stretch; return the rows that have all their parts."""
         return self._joined(self._rest.finish(), self._torque.finish())
 
-    def _joined(self, rest: FloatArray, torque: FloatArray) -> FloatArray:
+    def _joined(self, others: FloatArray, torque: FloatArray) -> FloatArray:
+        """Return the rows that both parts have reached; what is ahead waits."""
         if len(self._waiting_rest):
-            rest = np.concatenate([self._waiting_rest, rest])
+            others = np.concatenate([self._waiting_rest, others])
         if len(self._waiting_torque):
             torque = np.concatenate([self._waiting_torque, torque])
-        count = min(len(rest), len(torque))
-        self._waiting_rest, self._waiting_torque = rest[count:], torque[count:]
-        return np.concatenate([rest[:count, : self._n], torque[:count], rest[:count, self._n :]], axis=1)
+        count = min(len(others), len(torque))
+        self._waiting_rest, self._waiting_torque = others[count:], torque[count:]
+        return np.concatenate([others[:count, : self._n], torque[:count], others[:count, self._n :]], axis=1)
 
 
-def interpolated(t: FloatArray, values: FloatArray, wanted: FloatArray, period: float) -> FloatArray:
-    """Interpolate values (m, c) given at t (m,) at the times `wanted` (k,); gives (k, c)."""
+def interpolated(t: FloatArray, values: FloatArray, times: FloatArray, period: float) -> FloatArray:
+    """Interpolate by cubics through two samples on either side, or by straight lines where samples are too close.
+
+    Parameters
+    ----------
+    t : (m,)
+    values : (m, c)
+    times : (k,)
+        Where to interpolate.
+    period : float
+        Usual step of t in s.
+
+    Returns
+    -------
+    (k, c)
+    """
     m = len(t)
     if m == 1:
-        return np.repeat(values, len(wanted), axis=0)
-    right = np.clip(np.searchsorted(t, wanted, side="left"), 1, m - 1)
-    nearest = np.where(wanted - t[right - 1] < t[right] - wanted, right - 1, right)
-    on_grid = np.abs(t[nearest] - wanted) <= SNAP * period
+        return np.repeat(values, len(times), axis=0)
+    right = np.clip(np.searchsorted(t, times, side="left"), 1, m - 1)
+    nearest = np.where(times - t[right - 1] < t[right] - times, right - 1, right)
+    on_grid = np.abs(t[nearest] - times) <= SNAP * period
+    # Samples of an even clock are on the grid as they are: nothing is computed, and no digit changes.
     if on_grid.all():
         lowest = int(nearest[0])
         if np.array_equal(nearest, np.arange(lowest, lowest + len(nearest))):
             return values[lowest : lowest + len(nearest)]
         return values[nearest]
-    result = _linear(t, values, wanted, right)
+    result = _linear(t, values, times, right)
     if m >= 4:
         first = np.clip(right - 2, 0, m - 4)
         spread = np.diff(t)
         tight = spread < TOO_CLOSE * period
         cubic = ~(tight[first] | tight[first + 1] | tight[first + 2]) & ~on_grid
-        result[cubic] = _cubic(t, values, wanted[cubic], first[cubic])
+        result[cubic] = _cubic(t, values, times[cubic], first[cubic])
     result[on_grid] = values[nearest[on_grid]]
     return result
 
 
-def _linear(t: FloatArray, values: FloatArray, wanted: FloatArray, right: IntArray) -> FloatArray:
-    share = ((wanted - t[right - 1]) / (t[right] - t[right - 1]))[:, None]
+def _linear(t: FloatArray, values: FloatArray, times: FloatArray, right: IntArray) -> FloatArray:
+    """Interpolate by straight lines; `right` is the index of the sample behind each time."""
+    share = ((times - t[right - 1]) / (t[right] - t[right - 1]))[:, None]
     result: FloatArray = (1.0 - share) * values[right - 1] + share * values[right]
     return result
 
 
-def _cubic(t: FloatArray, values: FloatArray, wanted: FloatArray, first: IntArray) -> FloatArray:
+def _cubic(t: FloatArray, values: FloatArray, times: FloatArray, first: IntArray) -> FloatArray:
     """Evaluate the cubic through samples first … first + 3 by Lagrange's weights."""
     knots = t[first[:, None] + np.arange(4)]
-    result = np.zeros((len(wanted), values.shape[1]))
+    result = np.zeros((len(times), values.shape[1]))
     for index in range(4):
-        weight = np.ones(len(wanted))
+        weight = np.ones(len(times))
         for other in range(4):
             if other != index:
-                weight *= (wanted - knots[:, other]) / (knots[:, index] - knots[:, other])
+                weight *= (times - knots[:, other]) / (knots[:, index] - knots[:, other])
         result += weight[:, None] * values[first + index]
     return result

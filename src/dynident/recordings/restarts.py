@@ -1,4 +1,4 @@
-"""Time that begins again within a file, as where several runs were written one behind the other: a run each."""
+"""Time that starts again within a file, where several runs were written one behind the other: each becomes a run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class RestartLabels:
     _step: float = 0.0
 
     def label(self, first_row: int, t: FloatArray) -> IntArray:
-        """Give the number of the run of each row (m,), from 0."""
+        """Return the number of the run of each row (m,), from 0."""
         labels = np.full(len(t), len(self.restarts), dtype=np.int64)
         if not len(t):
             return labels
@@ -42,6 +42,7 @@ class RestartLabels:
         if np.isnan(self._begin):
             self._begin = float(t[0])
         for row in np.flatnonzero(steps < -FEWEST_STEPS * self._step):
+            # Back to near the beginning of the run: rows that were only exchanged, or written late, go back less far.
             if t[row] <= self._begin + NEAR_BEGINNING * (before[row] - self._begin):
                 self.restarts.append((first_row + int(row) + 1, float(before[row]), float(t[row])))
                 self._begin = float(t[row])
@@ -51,22 +52,22 @@ class RestartLabels:
 
 
 class RestartingSource:
-    """A file whose rows are numbered by run where its time begins again and no column tells the runs apart."""
+    """A file whose rows are numbered by run where its time starts again and no column tells the runs apart."""
 
     def __init__(self, source: RawSource) -> None:
         self._source = source
         self._labels = RestartLabels()
 
     def times(self, layout: Layout) -> Iterator[RawRows]:
-        """Give t and the runs alone; values are empty."""
+        """Yield t and the runs alone; values are empty."""
         yield from self._labelled(self._source.times(layout), layout)
 
     def rows(self, layout: Layout) -> Iterator[RawRows]:
-        """Give everything that the layout names."""
+        """Yield everything that the layout names."""
         yield from self._labelled(self._source.rows(layout), layout)
 
     def checks(self, column: str) -> list[Check]:
-        """Say where the time began again, once its rows were read."""
+        """Report where the time started again, after its rows were read."""
         restarts = self._labels.restarts
         if not restarts:
             return []
@@ -82,7 +83,7 @@ class RestartingSource:
                 column,
                 row,
                 time,
-                rows={column: tuple(one[0] for one in restarts)},
+                rows={column: tuple(restart[0] for restart in restarts)},
             )
         ]
 

@@ -1,4 +1,4 @@
-"""What is said of a file, changed afterwards: another window, another order, a sign, a unit; the file stays."""
+"""Revise the metadata of a file: other windows, another order, a sign, a unit; the file itself stays as it is."""
 
 from __future__ import annotations
 
@@ -13,9 +13,19 @@ from dynident.recordings.types import Check, RecordingError
 
 
 def cured(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Sequence[str]) -> tuple[Check, ...]:
-    """Checks whose cures go on from what is said of the file already.
+    """Return checks whose proposed revisions take the present metadata into account.
 
-    A check sees the recording as it was read, and knows neither the order nor the signs nor the delay that were said.
+    A check sees the recording as it was read, and knows neither the order nor the signs nor the delay that were stated.
+
+    Parameters
+    ----------
+    checks : sequence of Check
+    metadata : RecordingMetadata
+    joint_names : sequence of str
+
+    Returns
+    -------
+    tuple of Check
     """
     return tuple(
         check if check.apply is None else replace(check, apply=after(check.apply, metadata, joint_names))
@@ -23,53 +33,80 @@ def cured(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Seq
     )
 
 
-def after(found: Revision, metadata: RecordingMetadata, joint_names: Sequence[str]) -> Revision:
-    """A revision that was found on the recording as it was read, as one of its file."""
+def after(revision: Revision, metadata: RecordingMetadata, joint_names: Sequence[str]) -> Revision:
+    """Return a revision of the recording as it was read as a revision of its file.
+
+    Parameters
+    ----------
+    revision : Revision
+        Found on the recording, to which the metadata were applied already.
+    metadata : RecordingMetadata
+    joint_names : sequence of str
+
+    Returns
+    -------
+    Revision
+    """
     before = Rearrangement(metadata, joint_names)
     n = before.n
     permutation = {
-        kind: tuple(before.read(kind, column - 1) + 1 for column in order) for kind, order in found.permutation.items()
+        kind: tuple(before.read(kind, column - 1) + 1 for column in order)
+        for kind, order in revision.permutation.items()
     }
     signs: dict[str, float] = {}
     scale: dict[str, float] = {}
     for kind in get_args(Axis):
-        order = found.permutation.get(kind, tuple(range(1, n + 1)))
-        for said, new, changed in ((before.sign, found.signs, signs), (before.scale, found.scale, scale)):
+        order = revision.permutation.get(kind, tuple(range(1, n + 1)))
+        for stated, new, changed in ((before.sign, revision.signs, signs), (before.scale, revision.scale, scale)):
             for joint, column in enumerate(order):
                 # A sign goes with its column to the joint that reads it from now on.
-                value = new.get(f"{kind}{joint + 1}", 1.0) * said(kind, column - 1)
-                if value != said(kind, joint):
+                value = new.get(f"{kind}{joint + 1}", 1.0) * stated(kind, column - 1)
+                if value != stated(kind, joint):
                     changed[f"{kind}{joint + 1}"] = value
-    delay = None if found.torque_delay is None else metadata.torque_delay + found.torque_delay
-    exclude = None if found.exclude is None else (*metadata.exclude, *found.exclude)
-    return replace(found, permutation=permutation, signs=signs, scale=scale, torque_delay=delay, exclude=exclude)
+    # What was found comes on top of what was corrected while reading.
+    delay = None if revision.torque_delay is None else metadata.torque_delay + revision.torque_delay
+    exclude = None if revision.exclude is None else (*metadata.exclude, *revision.exclude)
+    return replace(revision, permutation=permutation, signs=signs, scale=scale, torque_delay=delay, exclude=exclude)
 
 
 def windows_without(windows: Windows, exclude: Windows, first: float, last: float) -> Windows:
-    """Windows to use with some seconds of t left out; `first` and `last` are those of the recording.
+    """Return the windows to use when some seconds of t are excluded.
+
+    Parameters
+    ----------
+    windows : pairs (from, to) in s
+        Empty: all of the recording.
+    exclude : pairs (from, to) in s
+    first, last : float
+        Times of the recording's ends.
+
+    Returns
+    -------
+    pairs (from, to) in s
 
     Raises
     ------
     RecordingError
-        Where nothing is left.
+        If nothing is left.
     """
-    left = [(float(start), float(end)) for start, end in (windows or ((first, last),))]
+    remaining = [(float(start), float(end)) for start, end in (windows or ((first, last),))]
     if not exclude:
         return windows
     for start, end in exclude:
-        parts = [((a, min(b, start)), (max(a, end), b)) for a, b in left]
-        left = [part for pair in parts for part in pair if part[1] > part[0]]
-    if not left:
+        # Of every window, what lies before the excluded interval and what lies behind it; either may be empty.
+        parts = [((a, min(b, start)), (max(a, end), b)) for a, b in remaining]
+        remaining = [part for pair in parts for part in pair if part[1] > part[0]]
+    if not remaining:
         raise RecordingError(
             f"exclude leaves nothing of the recording, which runs from {first:.6g} to {last:.6g} s.",
             pointer="/exclude",
             title="Empty window",
         )
-    return tuple(left)
+    return tuple(remaining)
 
 
 class Rearrangement:
-    """Which joint's columns each joint reads, and the factor that they are taken by."""
+    """Which joint's columns each joint reads, and the factor that they are multiplied by."""
 
     def __init__(self, metadata: RecordingMetadata, joint_names: Sequence[str]) -> None:
         self._names = tuple(joint_names)
@@ -77,7 +114,7 @@ class Rearrangement:
         self._check()
 
     def read(self, kind: str, joint: int) -> int:
-        """The joint, from 0, whose column is read for a signal of a joint."""
+        """Return the joint, from 0, whose column is read for a signal of a joint."""
         group = _GROUPS.get(kind)
         order = None if group is None else self._metadata.permutation.get(group)
         return joint if order is None else order[joint] - 1
@@ -88,21 +125,21 @@ class Rearrangement:
         return len(self._names)
 
     def factor(self, kind: str, joint: int) -> float:
-        """What the column that is read is multiplied by, beside its unit."""
+        """Return what the column that is read is multiplied by, besides its unit."""
         group = _GROUPS.get(kind)
         return 1.0 if group is None else self.sign(group, joint) * self.scale(group, joint)
 
     def sign(self, group: str, joint: int) -> float:
-        """1 or -1 of a joint's position ("q") or torque ("tau")."""
+        """Return 1 or -1 for a joint's position ("q") or torque ("tau")."""
         return self._said(self._metadata.signs, group, joint)
 
     def scale(self, group: str, joint: int) -> float:
-        """The factor of a joint's position or torque."""
+        """Return the factor of a joint's position or torque."""
         return self._said(self._metadata.scale, group, joint)
 
-    def _said(self, given: Mapping[str, float], group: str, joint: int) -> float:
+    def _said(self, values: Mapping[str, float], group: str, joint: int) -> float:
         keys = (f"{group}{joint + 1}", f"{group}_{self._names[joint]}", group)
-        return float(next((given[key] for key in keys if key in given), 1.0))
+        return float(next((values[key] for key in keys if key in values), 1.0))
 
     def _check(self) -> None:
         n, metadata = len(self._names), self._metadata
@@ -115,10 +152,10 @@ class Rearrangement:
                     title="Unusable order",
                 )
         endings = ["", *(str(joint + 1) for joint in range(n)), *(f"_{name}" for name in self._names)]
-        known = {f"{kind}{ending}" for kind in ("q", "tau") for ending in endings}
-        for field_name, given in (("signs", metadata.signs), ("scale", metadata.scale)):
-            for key, value in given.items():
-                if key not in known:
+        known_keys = {f"{kind}{ending}" for kind in ("q", "tau") for ending in endings}
+        for field_name, values in (("signs", metadata.signs), ("scale", metadata.scale)):
+            for key, value in values.items():
+                if key not in known_keys:
                     raise RecordingError(
                         f"{field_name} names {key!r}; name q, tau, or one joint's: tau2, tau_{self._names[0]}.",
                         pointer=f"/{field_name}/{key}",
@@ -126,9 +163,9 @@ class Rearrangement:
                     )
                 right = abs(value) == 1.0 if field_name == "signs" else np.isfinite(value) and value > 0.0
                 if not right:
-                    wanted = "1 or -1" if field_name == "signs" else "a number above 0"
+                    expected = "1 or -1" if field_name == "signs" else "a number above 0"
                     raise RecordingError(
-                        f"{field_name} of {key} is {value}; give {wanted}.", pointer=f"/{field_name}/{key}"
+                        f"{field_name} of {key} is {value}; give {expected}.", pointer=f"/{field_name}/{key}"
                     )
 
 

@@ -1,4 +1,4 @@
-"""Which samples of one recording are in another one, whatever windows either has."""
+"""Hashes of samples: which samples of one recording are in another one, whatever windows either has."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class SampleHashes:
 
     @classmethod
     def of(cls, recording: Recording) -> SampleHashes:
-        """Read a recording once, in blocks."""
+        """Read a recording once, in blocks, and hash its rows."""
         rows, moving = [], []
         for first, length in used_runs(recording):
             blocks, last, moved = [], None, []
@@ -53,62 +53,66 @@ class SampleHashes:
 
     @property
     def digest(self) -> str:
-        """What these samples are known by, whatever their file is called: SHA-256 in hexadecimal digits."""
-        known = hashlib.sha256()
+        """SHA-256, in hexadecimal digits, by which these samples are known whatever their file is called."""
+        digest = hashlib.sha256()
         for rows in self.rows:
-            known.update(len(rows).to_bytes(8, "little"))
-            known.update(rows.tobytes())
-        return known.hexdigest()
+            digest.update(len(rows).to_bytes(8, "little"))
+            digest.update(rows.tobytes())
+        return digest.hexdigest()
 
     def share_in(self, other: SampleHashes) -> float:
-        """Share of the rows in motion that are rows of another recording, too; 0 where nothing moves."""
-        together = min(_ROWS_TOGETHER, max((len(one) for one in self.rows), default=0))
+        """Return the share of the rows in motion that are in another recording, too; 0 if nothing moves."""
+        together = min(_ROWS_TOGETHER, max((len(hashes) for hashes in self.rows), default=0))
         if not together:
             return 0.0
-        known = np.unique(np.concatenate([_hash_runs(one, together) for one in other.rows] or [np.zeros(0, np.uint64)]))
+        other_hashes = np.unique(
+            np.concatenate([_hash_runs(hashes, together) for hashes in other.rows] or [np.zeros(0, np.uint64)])
+        )
         shared = telling = 0
         for rows, moved in zip(self.rows, self.moving, strict=True):
+            # Only rows in motion count: a robot that stands gives equal rows in any two recordings.
             starts = _sums(moved.astype(np.float64), together) >= _MOVING * together
-            equal = starts & np.isin(_hash_runs(rows, together), known)
+            equal = starts & np.isin(_hash_runs(rows, together), other_hashes)
             telling += _covered(starts, together)
             shared += _covered(equal, together)
         return shared / telling if telling else 0.0
 
 
 def copied_recordings(fitted: Sequence[SampleHashes], held_out: Sequence[Recording]) -> tuple[str, ...]:
-    """Names of held-out recordings that hold samples of those that were fitted to."""
+    """Return the names of held-out recordings that hold samples of those that were fitted to."""
     own = ((recording.name, SampleHashes.of(recording)) for recording in held_out)
     return tuple(name for name, samples in own if any(samples.share_in(other) > SHARED for other in fitted))
 
 
 def _sums(values: FloatArray, together: int) -> FloatArray:
-    """Sums of every so many values that follow each other; none where there are fewer."""
+    """Return the sums of every so many consecutive values; none if there are fewer."""
     return np.convolve(values, np.ones(together), "valid") if len(values) >= together else np.zeros(0)
 
 
 def _covered(starts: BoolArray, together: int) -> int:
-    """How many rows lie in the runs of so many rows that start where it is true."""
+    """Return how many rows lie in the runs of so many rows that start where it is true."""
     return int((np.convolve(starts, np.ones(together)) > 0.5).sum()) if starts.any() else 0
 
 
 def _hash_rows(values: FloatArray) -> Hashes:
-    """One hash (m,) a row of values (m, c): the bits of each, multiplied and added modulo 2**64."""
+    """Return one hash (m,) for each row of values (m, c): the bits of each, multiplied and added modulo 2**64."""
     bits = np.ascontiguousarray(values + 0.0).view(np.uint64)  # adding zero makes of -0.0 a 0.0
+    # Round numbers have zeros in their lower half: the upper half is mixed into it.
     mixed = bits ^ (bits >> np.uint64(32))
     return np.asarray((mixed * _factors(bits.shape[1])).sum(axis=1, dtype=np.uint64))
 
 
 def _hash_runs(rows: Hashes, together: int) -> Hashes:
-    """A hash of every so many rows that follow each other: (m - together + 1,); none where there are fewer."""
+    """Return a hash of every so many consecutive rows: (m - together + 1,); none if there are fewer."""
     count = len(rows) - together + 1
     if count < 1:
         return np.zeros(0, dtype=np.uint64)
-    found = np.zeros(count, dtype=np.uint64)
+    hashes = np.zeros(count, dtype=np.uint64)
     for k, factor in enumerate(_factors(together)):
-        found += rows[k : k + count] * factor
-    return found
+        hashes += rows[k : k + count] * factor
+    return hashes
 
 
 def _factors(count: int) -> Hashes:
-    """Odd numbers, always the same."""
+    """Return odd numbers, always the same."""
     return np.random.default_rng(0).integers(0, 2**63, count, dtype=np.uint64) * np.uint64(2) + np.uint64(1)

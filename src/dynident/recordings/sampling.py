@@ -32,7 +32,7 @@ class RawSample:
 
 
 class SampleCollector:
-    """Keeps all rows of a short recording, and evenly spread stretches of a long one."""
+    """Keeps all rows of a short recording, and evenly spread parts of a long one."""
 
     def __init__(self, n_rows: int, n: int, kinds: tuple[str, ...]) -> None:
         self._n = n
@@ -50,13 +50,13 @@ class SampleCollector:
         for start, stop in self._stretches:
             first, last = max(start, rows.first_row), min(stop, end)
             if first < last:
-                chosen = slice(first - rows.first_row, last - rows.first_row)
+                part = slice(first - rows.first_row, last - rows.first_row)
                 # Copies: a part of a block would keep all of it.
-                kept = RawRows(first, rows.t[chosen].copy(), rows.segment[chosen].copy(), rows.values[chosen].copy())
-                self._parts.append((np.arange(first + 1, last + 1), kept, used[chosen]))
+                rows_of_part = RawRows(first, rows.t[part].copy(), rows.segment[part].copy(), rows.values[part].copy())
+                self._parts.append((np.arange(first + 1, last + 1), rows_of_part, used[part]))
 
     def result(self) -> RawSample:
-        """Give the sample; rows without numbers are left out."""
+        """Return the sample; rows without numbers are left out."""
         if not self._parts:
             nothing = np.empty((0, self._n))
             marks = np.empty(0, dtype=bool)
@@ -68,6 +68,7 @@ class SampleCollector:
         used = np.concatenate([mark for _, _, mark in self._parts])
         joined = np.zeros(len(t), dtype=bool)
         joined[1:] = (np.diff(row) == 1) & (np.diff(label) == 0) & (np.diff(t) > 0)
+        # Positions and torques come first among the columns; others may be missing.
         whole = np.all(are_readings(values[:, : 2 * self._n]), axis=1)
         joined[1:] &= whole[:-1]
         n = self._n

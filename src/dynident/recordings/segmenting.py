@@ -1,4 +1,4 @@
-"""Conditioned rows, made into uniformly sampled segments: split at gaps."""
+"""Turn conditioned rows into uniformly sampled segments: split at gaps, resampled within."""
 
 from __future__ import annotations
 
@@ -53,48 +53,48 @@ class Segmenter:
         self._first_stamp = 0.0
 
     def push(self, rows: RawRows) -> Iterator[GridRows]:
-        """Take the next rows; give the grid rows that are ready to be stored."""
+        """Take the next rows; yield the grid rows that are ready to be stored."""
         values = self._with_temperature(rows.values)
         numbers = np.all(are_readings(values[:, self._needed]), axis=1)
         new = self._without_repeats(rows, values)
         t, label = rows.t, rows.segment
-        kept = np.flatnonzero(new & numbers)
-        if not len(kept):
+        new_rows = np.flatnonzero(new & numbers)
+        if not len(new_rows):
             if self._last is not None and not numbers.all():
                 yield from self._end()
                 self._last = None
             return
         # A border stands before a kept row if its time jumps, its label changes, or a row without numbers lies between.
         lost = np.cumsum(~numbers)
-        before_t = t[kept[:-1]]
-        border = (t[kept[1:]] - before_t > self._base.gap) | (label[kept[1:]] != label[kept[:-1]])
-        border |= lost[kept[1:]] != lost[kept[:-1]]
+        before_t = t[new_rows[:-1]]
+        border = (t[new_rows[1:]] - before_t > self._base.gap) | (label[new_rows[1:]] != label[new_rows[:-1]])
+        border |= lost[new_rows[1:]] != lost[new_rows[:-1]]
         first = (
             self._last is None
-            or t[kept[0]] - self._last[0] > self._base.gap
-            or label[kept[0]] != self._last[1]
-            or lost[kept[0]] != 0
+            or t[new_rows[0]] - self._last[0] > self._base.gap
+            or label[new_rows[0]] != self._last[1]
+            or lost[new_rows[0]] != 0
         )
-        edges = [0, *(np.flatnonzero(border) + 1), len(kept)]
+        edges = [0, *(np.flatnonzero(border) + 1), len(new_rows)]
         for number, (start, end) in enumerate(pairwise(edges)):
-            run = kept[start:end]
+            run = new_rows[start:end]
             if first or number:
                 yield from self._end()
                 self._begin(float(t[run[0]]), int(label[run[0]]))
             whole = slice(run[0], run[-1] + 1) if run[-1] - run[0] + 1 == len(run) else run
             yield from self._add(t[whole], values[whole])
-        if lost[-1] != lost[kept[-1]]:
+        if lost[-1] != lost[new_rows[-1]]:
             yield from self._end()
             self._last = None
         else:
-            self._last = float(t[kept[-1]]), int(label[kept[-1]]), values[kept[-1]].copy()
+            self._last = float(t[new_rows[-1]]), int(label[new_rows[-1]]), values[new_rows[-1]].copy()
 
     def finish(self) -> Iterator[GridRows]:
-        """End the recording."""
+        """End the recording; yield the last rows."""
         yield from self._end()
 
     def segments(self) -> tuple[Segment, ...]:
-        """Give the segments that were stored."""
+        """Return the segments that were stored."""
         return tuple(self._closed)
 
     def _begin(self, start: float, label: int) -> None:
@@ -106,6 +106,7 @@ class Segmenter:
     def _add(self, t: FloatArray, values: FloatArray) -> Iterator[GridRows]:
         assert self._resampler is not None
         if self._base.even is not None:
+            # Rounded stamps of an even clock: the clock's own times are closer to the truth.
             t = self._base.even.times(t, self._first_stamp)
         yield from self._store(self._resampler.push(t, values))
 
@@ -159,19 +160,20 @@ class Segmenter:
         return new
 
     def _with_temperature(self, values: FloatArray) -> FloatArray:
-        """Hold the last temperature where a slower thermometer left the rows between its readings empty."""
+        """Hold the last temperature where a slower thermometer left rows between its readings empty."""
         n = len(self._layout.q)
         if not self._layout.temperature:
             return values
         held = values[:, -n:].copy()
         for joint in range(n):
-            known = np.flatnonzero(np.isfinite(held[:, joint]))
+            readings = np.flatnonzero(np.isfinite(held[:, joint]))
             earlier = np.nan if self._temperature is None else self._temperature[joint]
-            if not len(known):
+            if not len(readings):
                 held[:, joint] = earlier
                 continue
             if np.isnan(earlier):
-                earlier = held[known[0], joint]
+                earlier = held[readings[0], joint]
+            # The index of the last reading up to each row, by a running maximum; -1 before the first.
             latest = np.maximum.accumulate(np.where(np.isfinite(held[:, joint]), np.arange(len(held)), -1))
             held[:, joint] = np.where(latest >= 0, held[latest, joint], earlier)
         self._temperature = held[-1] if len(held) else self._temperature

@@ -1,4 +1,4 @@
-"""Where conditioned rows go: the canonical Parquet file, or arrays."""
+"""Where conditioned rows are written to: the canonical Parquet file, or arrays."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class ArraySink:
         self._parts: list[FloatArray] = []
 
     def write(self, rows: GridRows) -> None:
-        """Take the next rows."""
+        """Append rows."""
         self._parts.append(rows.values)
 
     def values(self) -> FloatArray:
-        """Give all rows (m, c)."""
+        """Return all rows (m, c)."""
         return self._parts[0] if len(self._parts) == 1 else np.concatenate(self._parts)
 
 
@@ -55,14 +55,14 @@ class ParquetSink:
         self._writer.close()
 
     def write(self, rows: GridRows) -> None:
-        """Take the next rows."""
+        """Append rows."""
         self._waiting.append(rows)
         self._n_waiting += len(rows.t)
         if self._n_waiting >= ROW_GROUP:
             self._flush()
 
     def describe(self, recording: Recording) -> None:
-        """Add what the file says of itself, after the last row."""
+        """Add the description of the recording to the file, after the last row."""
         self._flush()
         self._writer.add_key_value_metadata({METADATA_KEY: describe(recording)})
 

@@ -1,4 +1,4 @@
-"""Where the rows of a recording are kept: the canonical Parquet file, or arrays."""
+"""Where the rows of a recording are read from: the canonical Parquet file, or arrays."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ class ArraySource:
     command: FloatArray | None = None
 
     def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
-        """Give the rows as one block: they are in memory anyway."""
+        """Yield the rows as one block: they are in memory anyway."""
         part = slice(first, first + length)
-        rest = (_part(values, part) for values in (self.temperature, self.wrench, self.command))
-        yield StoredRows(self.q[part], self.tau[part], *rest)
+        optional = (_part(values, part) for values in (self.temperature, self.wrench, self.command))
+        yield StoredRows(self.q[part], self.tau[part], *optional)
 
 
 def _part(values: FloatArray | None, part: slice) -> FloatArray | None:
@@ -52,7 +52,7 @@ class ParquetSource:
     has_command: bool = False
 
     def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
-        """Stream `length` rows from row `first` on in blocks of at most `block_length`."""
+        """Yield `length` rows from row `first` on in blocks of at most `block_length`."""
         heat = stored_columns("temperature", self.joint_names) if self.has_temperature else ()
         wrench = stored_columns("wrench", self.joint_names) if self.has_wrench else ()
         q, tau = (stored_columns(kind, self.joint_names) for kind in ("q", "tau"))
@@ -60,31 +60,31 @@ class ParquetSource:
         columns = [*q, *tau, *heat, *wrench, *command]
         with streamed_parquet(self.path) as file:
             groups, skipped = _groups(file.metadata, first, length)
-            skip, left = first - skipped, length
+            skip, n_left = first - skipped, length
             for batch in file.iter_batches(block_length, row_groups=groups, columns=columns, use_threads=False):
-                taken = batch.slice(skip, left)
+                part = batch.slice(skip, n_left)
                 skip = max(0, skip - batch.num_rows)
-                if not taken.num_rows:
+                if not part.num_rows:
                     continue
-                left -= taken.num_rows
+                n_left -= part.num_rows
                 yield StoredRows(
-                    stacked(taken, q),
-                    stacked(taken, tau),
-                    stacked(taken, heat) if heat else None,
-                    stacked(taken, wrench) if wrench else None,
-                    stacked(taken, command) if command else None,
+                    stacked(part, q),
+                    stacked(part, tau),
+                    stacked(part, heat) if heat else None,
+                    stacked(part, wrench) if wrench else None,
+                    stacked(part, command) if command else None,
                 )
-                if not left:
+                if not n_left:
                     return
 
 
 def stored_columns(kind: str, joint_names: Sequence[str]) -> tuple[str, ...]:
-    """Name the columns of a kind of signal in the canonical file."""
+    """Return the names of the columns of a kind of signal in the canonical file."""
     return WRENCH_NAMES if kind == "wrench" else tuple(f"{kind}_{joint}" for joint in joint_names)
 
 
 def stacked(batch: pa.RecordBatch, columns: Sequence[str]) -> FloatArray:
-    """Give the named columns side by side (m, len(columns)), in the memory order that row-wise work likes."""
+    """Return the named columns side by side (m, len(columns)), each row contiguous."""
     result = np.empty((batch.num_rows, len(columns)))
     for index, column in enumerate(columns):
         result[:, index] = to_floats(batch.column(column))
@@ -92,7 +92,7 @@ def stacked(batch: pa.RecordBatch, columns: Sequence[str]) -> FloatArray:
 
 
 def _groups(metadata: pq.FileMetaData, first: int, length: int) -> tuple[list[int], int]:
-    """Give the row groups that hold the rows, and how many rows precede them."""
+    """Return the row groups that hold the rows, and how many rows precede them."""
     groups: list[int] = []
     start = skipped = 0
     for index in range(metadata.num_row_groups):
@@ -106,7 +106,7 @@ def _groups(metadata: pq.FileMetaData, first: int, length: int) -> tuple[list[in
 
 
 def describe(recording: Recording) -> bytes:
-    """Write what a canonical file says of itself besides its rows, as JSON."""
+    """Return what a canonical file says of itself besides its rows, as JSON."""
     content: dict[str, Any] = {
         "layout_version": LAYOUT_VERSION,
         "name": recording.name,
@@ -126,6 +126,15 @@ def describe(recording: Recording) -> bytes:
 
 def open_recording(path: Path | str) -> Recording:
     """Open a canonical recording that `import_recording` has stored.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Recording
+        Its rows stay in the file and are read when needed.
 
     Raises
     ------

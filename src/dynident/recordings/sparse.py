@@ -1,4 +1,4 @@
-"""Tables in which signals have rows of their own: the cells of all others are empty there."""
+"""Tables in which each signal has rows of its own and leaves the cells of all others empty there."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class _Pattern:
 
 
 class SparseSource(FileSource):
-    """A table whose series were joined: the rows of the most frequent one, and the others read at their times."""
+    """A table whose series were joined: the rows of the most frequent one, the others read at their times."""
 
     def __init__(self, source: FileSource, pattern: _Pattern) -> None:
         self._source, self._pattern = source, pattern
@@ -65,7 +65,9 @@ class SparseSource(FileSource):
             if name in self._places:
                 by_series.setdefault(self._places[name], []).append(name)
         probe = pattern.series[pattern.main][0]
-        needed = list(dict.fromkeys([pattern.time, probe, *(one for names in by_series.values() for one in names)]))
+        needed = list(
+            dict.fromkeys([pattern.time, probe, *(column for names in by_series.values() for column in names)])
+        )
         size = min(_BLOCK_SAMPLES, rows_of_block(len(columns)))
         join, latest, first_row = self._join(by_series, size), -np.inf, 0
         for batch in self._source.batches(needed):
@@ -86,7 +88,7 @@ class SparseSource(FileSource):
                 if len(t[part]) and t[part][0] < latest - back:
                     yield from self._batch(join.rows(last=True), by_series, columns)
                     join = self._join(by_series, size)
-                self._add(join, by_series, {name: one[part] for name, one in values.items()}, probe)
+                self._add(join, by_series, {name: column[part] for name, column in values.items()}, probe)
                 latest = float(t[part][-1]) if len(t[part]) else latest
                 if join.is_full:
                     yield from self._batch(join.rows(), by_series, columns)
@@ -104,10 +106,10 @@ class SparseSource(FileSource):
         for name, own in by_series.items():
             table = np.column_stack([values[column] for column in own]) if own else np.empty((len(t), 0))
             if name == self._pattern.main:
-                there = np.isfinite(values[probe]) | self._pattern.main_is_full
+                has_sample = np.isfinite(values[probe]) | self._pattern.main_is_full
             else:
-                there = np.asarray(np.isfinite(table).any(axis=1))
-            join.add(name, t[there], own, table[there])
+                has_sample = np.asarray(np.isfinite(table).any(axis=1))
+            join.add(name, t[has_sample], own, table[has_sample])
 
     def _batch(
         self, joined: JoinedRows, by_series: Mapping[str, list[str]], columns: list[str]
@@ -121,7 +123,17 @@ class SparseSource(FileSource):
 
 
 def with_joined_rows(source: FileSource) -> FileSource:
-    """The same file with its series joined where they have rows of their own; else the same object."""
+    """Return the file with its series joined, if they have rows of their own.
+
+    Parameters
+    ----------
+    source : FileSource
+
+    Returns
+    -------
+    FileSource
+        The same object if nothing is to be joined.
+    """
     if not source.has_gaps:
         return source
     pattern = _pattern_of(source)
@@ -133,13 +145,14 @@ def _name_columns(columns: Sequence[str]) -> str:
 
 
 def _runs(t: FloatArray, latest: float, back: float) -> list[slice]:
-    """Rows between which the time goes back by more than `back`."""
+    """Return slices of rows between which the time goes back by more than `back`."""
     begins = np.flatnonzero(np.diff(t) < -back) + 1
     edges = [0, *begins.tolist(), len(t)]
     return [slice(first, last) for first, last in pairwise(edges)]
 
 
 def _pattern_of(source: FileSource) -> _Pattern | None:
+    """Return which columns have their rows together, from the first rows; None if all have all rows."""
     blocks, rows = [], 0
     for block in source.blocks():
         blocks.append(block[: _LOOKED_AT - rows])
@@ -149,40 +162,46 @@ def _pattern_of(source: FileSource) -> _Pattern | None:
     if rows < 2 * _FEWEST:
         return None
     values = np.concatenate(blocks)
-    there = np.isfinite(values)
-    running = there.all(axis=0) & (np.diff(values, axis=0) >= 0).all(axis=0) & (np.ptp(values, axis=0) > 0)
+    has_value = np.isfinite(values)
+    # Time and row counters never go back and are never empty.
+    running = has_value.all(axis=0) & (np.diff(values, axis=0) >= 0).all(axis=0) & (np.ptp(values, axis=0) > 0)
     time = _time_of(source.names, values, running)
     if time is None:
         return None
     t = values[:, time]
     patterns: dict[bytes, list[int]] = {}
-    for column in np.flatnonzero(~running & (there.sum(axis=0) >= _FEWEST)).tolist():
-        patterns.setdefault(np.packbits(there[:, column]).tobytes(), []).append(column)
-    groups = sorted(patterns.values(), key=lambda columns: -there[:, columns[0]].sum())
-    if not any(_alternates(there[:, columns[0]]) for columns in groups):
+    for column in np.flatnonzero(~running & (has_value.sum(axis=0) >= _FEWEST)).tolist():
+        # Columns that are filled in the same rows are one series.
+        patterns.setdefault(np.packbits(has_value[:, column]).tobytes(), []).append(column)
+    groups = sorted(patterns.values(), key=lambda columns: -has_value[:, columns[0]].sum())
+    if not any(_alternates(has_value[:, columns[0]]) for columns in groups):
         return None
     main, *others = groups
-    is_full = bool(there[:, main[0]].mean() >= _FULL)
+    is_full = bool(has_value[:, main[0]].mean() >= _FULL)
     if is_full:
         # Signals that are only short of some samples stay in their rows, and so do those that are held.
-        others = [one for one in others if _alternates(there[:, one[0]]) and there[:, one[0]].mean() >= _SLOWEST]
+        others = [
+            group
+            for group in others
+            if _alternates(has_value[:, group[0]]) and has_value[:, group[0]].mean() >= _SLOWEST
+        ]
     if not others:
         return None
-    series = {source.names[one[0]]: tuple(source.names[column] for column in one) for one in (main, *others)}
-    steps = {source.names[one[0]]: float(np.median(np.diff(t[there[:, one[0]]]))) for one in (main, *others)}
+    series = {source.names[group[0]]: tuple(source.names[column] for column in group) for group in (main, *others)}
+    steps = {source.names[group[0]]: float(np.median(np.diff(t[has_value[:, group[0]]]))) for group in (main, *others)}
     return _Pattern(source.names[time], series, steps, source.names[main[0]], is_full)
 
 
-def _alternates(there: BoolArray) -> bool:
-    """Whether a signal has a part of the rows, and these lie between the others, not in one stretch."""
-    present = int(there.sum())
-    absent = len(there) - present
-    begins = int((np.diff(there.astype(np.int8)) == 1).sum())
-    return present < _FULL * len(there) and begins >= 0.5 * min(present, absent)
+def _alternates(has_value: BoolArray) -> bool:
+    """Return whether a signal has only part of the rows, and these lie between the others, not in one block."""
+    present = int(has_value.sum())
+    absent = len(has_value) - present
+    begins = int((np.diff(has_value.astype(np.int8)) == 1).sum())
+    return present < _FULL * len(has_value) and begins >= 0.5 * min(present, absent)
 
 
 def _time_of(names: Sequence[str], values: FloatArray, running: BoolArray) -> int | None:
-    """The column whose time the rows are joined on: one that never goes back, by its name, and no row counter."""
+    """Return the column of the time that rows are joined on: one that never goes back, and no row counter."""
     columns = np.flatnonzero(running).tolist()
     called = [column for column in columns if is_called_time(names[column])]
     even = [column for column in columns if not (np.diff(values[:, column]) == 1.0).all()]

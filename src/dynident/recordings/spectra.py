@@ -1,4 +1,4 @@
-"""Power spectra of velocity, position noise and torque, averaged over a recording that is read in pieces (Welch)."""
+"""Power spectra of velocity, position noise and torque, averaged over parts of a recording (Welch)."""
 
 from __future__ import annotations
 
@@ -42,12 +42,20 @@ class Spectra:
 
 
 def spectra(recording: Recording) -> Spectra:
-    """Estimate the spectra from up to `MAX_WINDOWS` half-overlapping stretches, evenly spread over the windows' rows.
+    """Estimate the spectra from at most `MAX_WINDOWS` half-overlapping parts, spread evenly over all windows.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    Spectra
 
     Raises
     ------
     DynidentError
-        If no stretch inside the windows is long enough to have a spectrum.
+        If no part inside the windows is long enough to have a spectrum.
     """
     runs = used_runs(recording)
     longest = max((length for _, length in runs), default=0)
@@ -57,6 +65,7 @@ def spectra(recording: Recording) -> Spectra:
             "few to choose the filters from. Give the cut-off frequencies, or wider windows.",
             pointer="/preprocessing",
         )
+    # A length of small prime factors: the Fourier transform is many times faster.
     length = fft.prev_fast_len(min(longest, int(LONGEST * recording.sampling_rate) + 1), real=True)
     starts = [first + offset for first, run in runs for offset in range(0, run - length + 1, max(1, length // 2))]
     if len(starts) > MAX_WINDOWS:
@@ -78,6 +87,7 @@ def spectra(recording: Recording) -> Spectra:
     frequency = fft.rfftfreq(length, 1.0 / recording.sampling_rate)
     velocity, torque = velocity / len(starts), torque / len(starts)
     gain = (2.0 * recording.sampling_rate * np.sin(np.pi * frequency / recording.sampling_rate)) ** 2
+    # Positions of a robot hold no motion up here, only noise; close to the Nyquist frequency the gain is uncertain.
     high = (frequency > 0.3 * recording.sampling_rate) & (frequency < 0.48 * recording.sampling_rate)
     # Median over mean of a chi-squared density, of two degrees of freedom for every window.
     bias = float(special.gammaincinv(len(starts), 0.5)) / len(starts)
@@ -87,7 +97,16 @@ def spectra(recording: Recording) -> Spectra:
 
 
 def used_runs(recording: Recording) -> Sequence[tuple[int, int]]:
-    """Give (first stored row, length) of the runs of rows of one segment that lie inside one window."""
+    """Return the runs of rows of one segment that lie inside one window.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    list of (first stored row, length)
+    """
     runs = []
     for segment in recording.segments:
         windows = recording.windows or ((-np.inf, np.inf),)

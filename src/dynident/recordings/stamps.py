@@ -1,4 +1,4 @@
-"""Time that stands in two columns, whole seconds and the nanoseconds within them: one more column, of both."""
+"""Time in two columns, whole seconds and the nanoseconds within them: joined to one more column."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ _WORDS = ("sec", "secs", "seconds")
 
 
 def stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Columns that come in two, by what both together are called: `stamp.sec` and `stamp.nanosec` are `stamp.time`."""
+    """Return pairs of columns by their common name: `stamp.sec` and `stamp.nanosec` are `stamp.time`."""
     pairs = {}
     for name in names:
-        found = _NANO.match(name)
-        if found is None:
+        match = _NANO.match(name)
+        if match is None:
             continue
-        whole = next((one for word in _WORDS if (one := f"{found['whose']}{word}") in names), None)
-        ours = f"{found['whose']}time"
+        whole = next((candidate for word in _WORDS if (candidate := f"{match['whose']}{word}") in names), None)
+        ours = f"{match['whose']}time"
         if whole is not None and ours not in names:
             pairs[ours] = whole, name
     return pairs
 
 
 class StampedSource(FileSource):
-    """A file with the time of two columns in front of the others."""
+    """A file with the joined time of two columns in front of the others."""
 
     def __init__(self, source: FileSource, pairs: dict[str, tuple[str, str]]) -> None:
         self._source, self._pairs = source, pairs
@@ -38,7 +38,7 @@ class StampedSource(FileSource):
         super().__init__([*pairs, *source.names], {**source.units, **dict.fromkeys(pairs, "s")})
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        needed = [one for name in columns for one in self._pairs.get(name, (name,))]
+        needed = [column for name in columns for column in self._pairs.get(name, (name,))]
         first_row = 0
         for batch in self._source.batches(list(dict.fromkeys(needed))):
             values = [
@@ -48,11 +48,11 @@ class StampedSource(FileSource):
             first_row += batch.num_rows
 
     def _joined(self, batch: pa.RecordBatch, name: str, first_row: int) -> pa.Array:
-        whole, nano = (floats_of(batch, one, first_row) for one in self._pairs[name])
+        whole, nano = (floats_of(batch, column, first_row) for column in self._pairs[name])
         return from_numbers(whole + 1e-9 * nano)
 
 
 def with_stamps(source: FileSource) -> FileSource:
-    """The same file, with the time where it stands in two columns."""
+    """Return the file with its time joined, if it stands in two columns; else the same object."""
     pairs = stamp_pairs(source.names)
     return StampedSource(source, pairs) if pairs else source

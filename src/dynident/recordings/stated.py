@@ -1,4 +1,4 @@
-"""What is said of the file of a recording, and what is said of it anew."""
+"""Metadata of a recording's file, as the user states them, and revisions of them."""
 
 from __future__ import annotations
 
@@ -203,7 +203,15 @@ class Revision:
     rate: float | None = anew(RecordingMetadata, "rate", default=None)
 
     def of(self, metadata: RecordingMetadata) -> RecordingMetadata:
-        """What is then said of the file.
+        """Return the metadata after this revision.
+
+        Parameters
+        ----------
+        metadata : RecordingMetadata
+
+        Returns
+        -------
+        RecordingMetadata
 
         Raises
         ------
@@ -211,18 +219,18 @@ class Revision:
             For a window or a delay that cannot be.
         """
         changed: dict[str, Any] = {}
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if one.name in _BY_KEY:
-                changed[one.name] = {**getattr(metadata, one.name), **value}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name in _BY_KEY:
+                changed[field.name] = {**getattr(metadata, field.name), **value}
             elif value is not None:
-                changed[one.name] = value
+                changed[field.name] = value
         return replace(metadata, **changed)
 
     @property
     def changes(self) -> tuple[str, ...]:
         """Names of the fields that change anything."""
-        return tuple(one.name for one in fields(self) if getattr(self, one.name) not in (None, {}))
+        return tuple(field.name for field in fields(self) if getattr(self, field.name) not in (None, {}))
 
     def __str__(self) -> str:
         return ", ".join(f"{name} {_written(getattr(self, name))}" for name in self.changes) or "nothing"
@@ -247,7 +255,10 @@ class RevisionFields(TypedDict, total=False):
 
 def _written(value: object) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(f"{key}: {_written(one)}" for key, one in value.items())
+        return ", ".join(f"{key}: {_written(entry)}" for key, entry in value.items())
     if isinstance(value, tuple):
-        return " ".join(f"{one[0]:g}:{one[1]:g}" if isinstance(one, tuple) else str(one) for one in value) or "none"
+        return (
+            " ".join(f"{entry[0]:g}:{entry[1]:g}" if isinstance(entry, tuple) else str(entry) for entry in value)
+            or "none"
+        )
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""The time of a file that has none, from the rate of its rows that somebody states."""
+"""The time of a file that has none, from a stated rate of its rows."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ class RatedSource(FileSource):
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         needed = [name for name in columns if name != _TIME]
         first = 0
+        # Some column has to be read even if only the time is wanted: it tells the number of rows.
         for batch in self._source.batches(needed or self._source.names[:1]):
             t = np.arange(first, first + batch.num_rows) / self._rate
             values = [from_numbers(t) if name == _TIME else batch.column(name) for name in columns]
@@ -34,5 +35,5 @@ class RatedSource(FileSource):
 
 
 def with_rate(source: FileSource, rate: float | None) -> FileSource:
-    """The same file with the time that a stated rate in Hz gives its rows; the same object where none is stated."""
+    """Return the file with the time that a stated rate in Hz gives its rows; the same object without a rate."""
     return source if rate is None else RatedSource(source, rate)

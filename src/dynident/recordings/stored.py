@@ -1,4 +1,4 @@
-"""All samples of a recording at once, as columns: what was measured besides positions and torques, too."""
+"""All samples of a stored recording at once, as columns, with their units."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class StoredSamples:
 
 
 def stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -> StoredSamples:
-    """The stored samples of a recording, unfiltered and evenly sampled, all of them in memory.
+    """Return the stored samples of a recording, unfiltered and evenly sampled, all of them in memory.
 
     Columns, (m,) each: t in s, segment (the label of the run), q_<joint> in rad or m, tau_<joint> in N m or N, and
     where the file had them dq_<joint> in rad/s or m/s, ddq_<joint> in rad/s^2 or m/s^2, q_command_<joint> in rad or m,
@@ -38,6 +38,10 @@ def stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -> Sto
     recording : Recording
     kinds : "revolute" or "prismatic", one a joint
         Empty: they are not known, and joints count as revolute.
+
+    Returns
+    -------
+    StoredSamples
     """
     source = recording.source
     if isinstance(source, ParquetSource):
@@ -51,14 +55,27 @@ def stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -> Sto
 def signal_units(
     columns: Mapping[str, object], joints: Sequence[str], kinds: Sequence[JointKind] = ()
 ) -> dict[str, str]:
-    """The units of t, q_<joint>, dq_<joint> and the others, of those columns that are there."""
+    """Return the units of those columns that have one.
+
+    Parameters
+    ----------
+    columns : mapping
+        Names such as t, q_<joint>, dq_<joint>; what they map to does not matter.
+    joints : sequence of str
+    kinds : "revolute" or "prismatic", one a joint
+        Empty: joints count as revolute.
+
+    Returns
+    -------
+    dict
+    """
     units = {"t": our_unit("t", None)}
     units |= dict.fromkeys(WRENCH_NAMES[:3], our_unit("base_force", None))
     units |= dict.fromkeys(WRENCH_NAMES[3:], our_unit("base_moment", None))
-    known = kinds or (_TURNS,) * len(joints)
+    joint_kinds = kinds or (_TURNS,) * len(joints)
     for kind in STORED_KINDS:
         names = stored_columns(kind, joints)
-        units |= {name: our_unit(kind, joint) for name, joint in zip(names, known, strict=True)}
+        units |= {name: our_unit(kind, joint) for name, joint in zip(names, joint_kinds, strict=True)}
     return {name: units[name] for name in columns if name in units}
 
 
@@ -68,21 +85,21 @@ def _from_rows(recording: Recording) -> dict[str, NDArray[np.generic]]:
         for segment in recording.segments
         for rows in recording.source.rows(segment.first_row, segment.length, segment.length)
     ]
-    every = [(one, np.arange(one.length)) for one in recording.segments]
+    every = [(segment, np.arange(segment.length)) for segment in recording.segments]
     columns: dict[str, NDArray[np.generic]] = {
-        "t": np.concatenate([one.start_time + k * recording.period for one, k in every]),
-        "segment": np.concatenate([np.full(len(k), one.label, dtype=np.int64) for one, k in every]),
+        "t": np.concatenate([segment.start_time + k * recording.period for segment, k in every]),
+        "segment": np.concatenate([np.full(len(k), segment.label, dtype=np.int64) for segment, k in every]),
     }
-    kept: tuple[tuple[str, list[FloatArray | None]], ...] = (
+    signals: tuple[tuple[str, list[FloatArray | None]], ...] = (
         ("q", [rows.q for rows in parts]),
         ("q_command", [rows.command for rows in parts]),
         ("tau", [rows.tau for rows in parts]),
         ("wrench", [rows.wrench for rows in parts]),
         ("temperature", [rows.temperature for rows in parts]),
     )
-    for kind, blocks in kept:
-        known = [values for values in blocks if values is not None]
-        if len(known) == len(blocks):
-            whole = np.concatenate(known)
+    for kind, blocks in signals:
+        measured = [values for values in blocks if values is not None]
+        if len(measured) == len(blocks):
+            whole = np.concatenate(measured)
             columns |= {name: whole[:, k] for k, name in enumerate(stored_columns(kind, recording.joint_names))}
     return columns

@@ -133,11 +133,12 @@ class TimeScan:
         forward = same & (steps > 0)
         self._waiting.append((ends[forward], t[:-1][forward], steps[forward]))
         self._n_waiting += int(forward.sum())
+        # The typical step is the median of the first many: until then steps wait.
         if self._typical or self._n_waiting >= _MEDIAN_ROWS:
             self._count()
 
     def result(self) -> TimeBase:
-        """Give what was found.
+        """Return what was found.
 
         Raises
         ------
@@ -153,6 +154,7 @@ class TimeScan:
                 title="Too short",
             )
         near_total, n_near = self._near
+        # A clock that loses samples now and then has the rate of its usual step; else the mean over all steps counts.
         period = near_total / n_near if n_near >= REGULAR_SHARE * n else total / n
         even = self._even.result()
         if even is not None:
@@ -221,7 +223,7 @@ class TimeScan:
 
 
 def time_checks(base: TimeBase, column: str) -> list[Check]:
-    """Say what was found in the time column: jitter, gaps, repeated stamps."""
+    """Report jitter, gaps and repeated stamps of the time column."""
     return [_jitter(base, column), _gap(base, column), _repeated(base, column)]
 
 

@@ -1,4 +1,4 @@
-"""What a recording is once it is checked: SI units, the robot's joint order, a uniform time grid in every segment."""
+"""A checked recording and its parts: SI units, joints in the robot's order, an even clock in every segment."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class RecordedJoints:
     coupling: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        counts = [len(given) for given in (self.limits, self.gains) if given is not None]
+        counts = [len(values) for values in (self.limits, self.gains) if values is not None]
         if any(count != self.n for count in counts):
             raise ValueError(
                 f"{self.n} joints, and {' and '.join(map(str, counts))} limits or gains: they have to agree"
@@ -116,7 +116,7 @@ class ModelChecks(Protocol):
     """
 
     def __call__(self, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
-        """Look at a recording."""
+        """Check a recording."""
 
 
 class RecordingError(DynidentError):
@@ -144,12 +144,13 @@ class RecordingError(DynidentError):
 def _rebuild(
     detail: str, pointer: str, title: str, row: int | None, time: float | None, checks: tuple[Check, ...]
 ) -> RecordingError:
+    """Return the error again after pickling, which keeps no keyword arguments."""
     return RecordingError(detail, pointer=pointer, title=title, row=row, time=time, checks=checks)
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A stretch of uniformly sampled rows that nothing is filtered across the ends of.
+    """A run of uniformly sampled rows; nothing is filtered across its ends.
 
     `first_row` and `length` count rows of the stored recording; row k of the segment was sampled at
     `start_time` + k / sampling rate. `label` is the value of the user's `segment` column (0 without one).
@@ -180,10 +181,10 @@ class StoredRows(NamedTuple):
 
 
 class SampleSource(Protocol):
-    """Where the rows of a recording are: a file or arrays."""
+    """Source of the rows of a recording: a file or arrays."""
 
     def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
-        """Give `length` rows from row `first` on, in blocks of at most about `block_length`."""
+        """Yield `length` rows from row `first` on, in blocks of at most about `block_length`."""
         ...
 
 
@@ -228,7 +229,7 @@ class Recording:
 
     @property
     def has_torque(self) -> BoolArray:
-        """Tell which joints (n,) have a recorded torque."""
+        """Which joints (n,) have a recorded torque."""
         return np.array([name not in self.joints_without_torque for name in self.joint_names])
 
     @property
@@ -242,21 +243,21 @@ class Recording:
         return 1.0 / self.sampling_rate
 
     def run_label(self, segment: int) -> str:
-        """What a segment, by its index, is called: the recording's name, with the segment's label where it has one."""
+        """Return the name of a segment: the recording's, with the segment's label if there are several labels."""
         several = len({item.label for item in self.segments}) > 1
         return f"{self.name}#{self.segments[segment].label}" if several else self.name
 
     @property
     def run_labels(self) -> tuple[str, ...]:
-        """What its runs are called, each once."""
+        """The names of its runs, each once."""
         return tuple(dict.fromkeys(self.run_label(k) for k in range(len(self.segments))))
 
     def with_windows(self, windows: Windows) -> Recording:
-        """Give the same recording with other seconds of t to use."""
+        """Return the same recording with other seconds of t to use."""
         return replace(self, windows=windows)
 
     def inside_windows(self, t: FloatArray) -> BoolArray:
-        """Tell which of the times t (m,) lie in a window; all of them where there is none."""
+        """Return which of the times t (m,) lie in a window; all of them if there is none."""
         return inside(t, self.windows, tolerance=1e-6 * self.period)
 
 
@@ -284,16 +285,29 @@ class SampleBlock:
 
 
 def are_readings(values: FloatArray) -> BoolArray:
-    """Which values a sensor could have given: numbers, and not beyond all size."""
+    """Return which values a sensor could have given: numbers, and not beyond all size."""
+    # Comparisons with NaN are false: NaN and infinity are sorted out by the same test.
     readings: BoolArray = np.abs(values) < _LARGEST_READING
     return readings
 
 
 def inside(t: FloatArray, windows: Windows, tolerance: float = 0.0) -> BoolArray:
-    """Tell which of the times t (m,) lie in one of the windows, ends included; all of them where there is none."""
+    """Return which times lie in one of the windows, ends included; all of them if there is none.
+
+    Parameters
+    ----------
+    t : (m,)
+    windows : pairs (from, to) in s
+    tolerance : float
+        s.
+
+    Returns
+    -------
+    (m,) of bool
+    """
     if not windows:
         return np.ones(len(t), dtype=bool)
-    found = np.zeros(len(t), dtype=bool)
+    is_inside = np.zeros(len(t), dtype=bool)
     for start, end in windows:
-        found |= (t >= start - tolerance) & (t <= end + tolerance)
-    return found
+        is_inside |= (t >= start - tolerance) & (t <= end + tolerance)
+    return is_inside

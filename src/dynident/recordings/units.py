@@ -1,4 +1,4 @@
-"""Units that recordings come in, and the way to SI."""
+"""Units that recordings come in, and their conversion to SI."""
 
 from __future__ import annotations
 
@@ -53,12 +53,12 @@ KINDS = ("t", *JOINT_KINDS, "base_force", "base_moment")
 
 
 def our_unit(kind: str, joint: JointKind | None) -> str:
-    """Ours of a kind of signal, one of `KINDS`, of a kind of joint: SI, and degC; None for t and the base's wrench."""
+    """Return our unit of a kind of signal, one of `KINDS`, for a kind of joint: SI, and degC."""
     return next(iter(FACTORS[kind, joint]))
 
 
 def conversion(kind: str, joint: JointKind | None, unit: str | None, where: str) -> tuple[float, float]:
-    """Give factor and offset from a unit to ours.
+    """Return factor and offset from a unit to ours.
 
     Parameters
     ----------
@@ -71,32 +71,37 @@ def conversion(kind: str, joint: JointKind | None, unit: str | None, where: str)
     where : str
         The key of `units` that names it, for the error.
 
+    Returns
+    -------
+    factor, offset : float
+        ours = factor x theirs + offset.
+
     Raises
     ------
     RecordingError
         For a unit that is not known for this signal; names those that are.
     """
-    known = FACTORS[kind, joint]
+    factors = FACTORS[kind, joint]
     if unit is None:
         return 1.0, 0.0
     if kind in ("q", "q_command") and (counted := _COUNTS.fullmatch(unit.replace(" ", ""))) and float(counted[1]) > 0:
         factor = (2.0 * pi if joint == "revolute" else 1.0) / float(counted[1])
         return factor, -factor * float(counted[2] or 0.0)
-    wanted = _plain(unit)
-    for name, factor in known.items():
-        if _plain(name) == wanted:
+    plain_unit = _plain(unit)
+    for name, factor in factors.items():
+        if _plain(name) == plain_unit:
             return factor, OFFSETS.get(name, 0.0)
     of = "" if joint is None else f" of a {joint} joint"
     counts = [COUNTS] if kind in ("q", "q_command") else []
     raise RecordingError(
-        f"Unit {unit!r} is not known for {kind}{of}; known are {', '.join([*known, *counts])}.",
+        f"Unit {unit!r} is not known for {kind}{of}; known are {', '.join([*factors, *counts])}.",
         pointer=f"/units/{where}",
         title="Unknown unit",
     )
 
 
 def unit_for(units: Mapping[str, str], kind: str, columns: tuple[str, ...]) -> tuple[str | None, str]:
-    """Find the unit of a column: the one given for one of the column's names, else for its kind of signal."""
+    """Return the unit of a column with the key that gave it: one of its names, else its kind of signal."""
     for key in (*columns, kind):
         if key in units:
             return units[key], key
@@ -104,6 +109,7 @@ def unit_for(units: Mapping[str, str], kind: str, columns: tuple[str, ...]) -> t
 
 
 def _plain(unit: str) -> str:
+    """Return the unit without the differences in writing that do not matter."""
     unit = unit.replace("°C", "degC").replace("°", "deg")
     for sign in (" ", "*", "·", "⋅", ".", "_"):
         unit = unit.replace(sign, "")

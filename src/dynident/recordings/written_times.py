@@ -1,4 +1,4 @@
-"""Times that are written as text: dates, hours of a day, and durations with a unit, as seconds."""
+"""Times that are written as text (dates, hours of a day, durations with a unit), as seconds."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct",
 
 
 def is_called_time(name: str) -> bool:
-    """Whether a column's name is that of a time."""
+    """Return whether a column's name is that of a time."""
     return _NAME.search(name) is not None
 
 
 def are_times(cells: Sequence[str]) -> bool:
-    """Whether all cells that are not empty are times."""
-    given = [cell for cell in cells if cell]
-    return bool(given) and any(all(re.match(form, cell) for cell in given) for form in (_CLOCK, _DURATION))
+    """Return whether all cells that are not empty are times."""
+    filled = [cell for cell in cells if cell]
+    return bool(filled) and any(all(re.match(form, cell) for cell in filled) for form in (_CLOCK, _DURATION))
 
 
 def to_seconds(column: pa.Array) -> pa.Array:
-    """Give a column of written times as float64: seconds from 1970 where there is a date; what is none is missing."""
+    """Return written times as float64: seconds, from 1970 if there is a date; what is no time is missing."""
     clock = pc.extract_regex(column, _CLOCK)
     if clock.null_count == len(clock):
         return _durations(pc.extract_regex(column, _DURATION))
@@ -64,18 +64,18 @@ def _durations(parts: pa.Array) -> pa.Array:
 
 
 def _numbers(parts: pa.Array, name: str, absent: float = 0.0) -> FloatArray:
-    """(m,): a part of the texts as numbers, `absent` where it is not there."""
+    """Return (m,): a part of the texts as numbers, `absent` where it is not there."""
     text = pc.replace_substring_regex(pc.struct_field(parts, name), "[,:]", ".")
-    known = pc.if_else(pc.match_substring_regex(text, r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"), text, None)
-    return to_floats(known.cast(pa.float64()).fill_null(absent)).copy()
+    numbers = pc.if_else(pc.match_substring_regex(text, r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"), text, None)
+    return to_floats(numbers.cast(pa.float64()).fill_null(absent)).copy()
 
 
 def _each(parts: pa.Array, name: str, seconds: Callable[[str], float]) -> FloatArray:
-    """(m,): what a part of the texts means, computed once for each of the few texts that there are."""
+    """Return (m,): what a part of the texts means, computed once for each of the few different texts."""
     column = pc.struct_field(parts, name).fill_null("")
-    known = pc.dictionary_encode(column)
-    values = np.array([seconds(text) if text else 0.0 for text in known.dictionary.to_pylist()])
-    return np.asarray(values[known.indices.to_numpy(zero_copy_only=False)], dtype=np.float64)
+    encoded = pc.dictionary_encode(column)
+    values = np.array([seconds(text) if text else 0.0 for text in encoded.dictionary.to_pylist()])
+    return np.asarray(values[encoded.indices.to_numpy(zero_copy_only=False)], dtype=np.float64)
 
 
 def _seconds_of_date(text: str) -> float:
@@ -87,6 +87,7 @@ def _seconds_of_date(text: str) -> float:
         first, second = int(parts[0]), parts[1].casefold()
         if second in _MONTHS:
             day, month = first, _MONTHS.index(second) + 1
+        # Slashes mean the American order, month first, unless that is impossible.
         elif "/" in text and first <= 12:
             month, day = first, int(second)
         else:

@@ -1,4 +1,4 @@
-"""Zero-phase Butterworth filter of a stream: equal to `scipy.signal.sosfiltfilt` over the whole of it (§12.3.5)."""
+"""Zero-phase Butterworth filter of a stream, equal to `scipy.signal.sosfiltfilt` over the whole of it (§12.3.5)."""
 
 from __future__ import annotations
 
@@ -32,6 +32,7 @@ class ZeroPhase:
         self._sos = signal.butter(order, cutoff, fs=rate, output="sos")
         self._zi = signal.sosfilt_zi(self._sos)[:, :, None]
         poles = signal.butter(order, cutoff, fs=rate, output="zpk")[1]
+        # A transient decays by this much (as an exponent) with each sample: by the slowest pole.
         self._decay = -log(min(float(np.abs(poles).max()), 1.0 - 1e-15))
         # The same extension at the ends as scipy.signal.sosfiltfilt takes by default.
         sections = len(self._sos)
@@ -49,7 +50,18 @@ class ZeroPhase:
         return ceil(-log(SETTLED) / self._decay)
 
     def stream(self, blocks: Iterator[FloatArray], length: int) -> Iterator[FloatArray]:
-        """Filter blocks (m, n) that together hold `length` samples; gives blocks of other lengths, same total."""
+        """Filter blocks (m, n) that together hold `length` samples.
+
+        Parameters
+        ----------
+        blocks : iterator of (m, n)
+        length : int
+
+        Yields
+        ------
+        (k, n)
+            Of other lengths than the blocks, the same total.
+        """
         pad = min(self._pad, length - 1)
         ahead = self.lookahead
         state: FloatArray | None = None
@@ -62,6 +74,8 @@ class ZeroPhase:
             if state is None and not last and len(block) <= pad:
                 raise ValueError(f"the first block holds {len(block)} samples; at least {pad + 1} are needed")
             if state is None:
+                # The odd extension that sosfiltfilt puts before the first sample: point-symmetric about it, so that
+                # no step excites the filter.
                 start = 2 * block[0] - block[pad:0:-1]
                 block_ends = np.concatenate([start, block])
                 state = self._zi * block_ends[0]
@@ -77,6 +91,8 @@ class ZeroPhase:
                     waiting.append(signal.sosfilt(self._sos, end, axis=0, zi=state)[0])
                 yield self._backward(waiting)[:n_waiting]
                 return
+            # The backward pass starts anew for each block, `ahead` samples further on, by which its unknown start has
+            # died away: those samples are filtered again with the next block.
             if n_waiting >= 2 * ahead:
                 joined = np.concatenate(waiting)
                 yield self._backward([joined])[: n_waiting - ahead]
@@ -84,6 +100,7 @@ class ZeroPhase:
                 n_waiting = ahead
 
     def _backward(self, parts: list[FloatArray]) -> FloatArray:
+        """Filter the joined parts backward in time, from a steady state at their last sample."""
         forward = parts[0] if len(parts) == 1 else np.concatenate(parts)
         reverse: FloatArray = signal.sosfilt(self._sos, forward[::-1], axis=0, zi=self._zi * forward[-1])[0]
         return reverse[::-1]

@@ -60,8 +60,8 @@ class BaseParameters:
     def groupings(self) -> tuple[str, ...]:
         """Each base parameter written out in standard parameters: "ZZ1 + Ia1 + 0.5 MX2"."""
         return tuple(
-            _written([self.names[k] for k in _order(shown, lead)], row[_order(shown, lead)])
-            for row, shown, lead in zip(self.grouping, self.written, self.kept, strict=True)
+            _written([self.names[k] for k in _order(is_written, lead)], row[_order(is_written, lead)])
+            for row, is_written, lead in zip(self.grouping, self.written, self.kept, strict=True)
         )
 
 
@@ -85,8 +85,14 @@ def base_parameters(
         The symbols that the columns are made of.
     tolerance : float
         Share of a column's norm that may be left outside the kept ones for it to count as dependent.
+    seed : int
+        Of the random states.
     at_rest : bool
         Whether only what shows while the robot stands is kept.
+
+    Returns
+    -------
+    BaseParameters
     """
     observation = Observation.of(robot, columns, signals)
     n_states = _STATES_PER_COLUMN * len(columns) // robot.n + 20
@@ -95,30 +101,48 @@ def base_parameters(
 
 
 def base_parameters_among(
-    known: BaseParameters, observation: Observation, chosen: Sequence[int], tolerance: float = DEFAULT_TOLERANCE
+    base: BaseParameters, observation: Observation, column_indices: Sequence[int], tolerance: float = DEFAULT_TOLERANCE
 ) -> BaseParameters:
-    """Choose the base parameters of some of the columns of a model, from what its own base parameters say of them.
+    """Choose the base parameters of some of the columns of a model, from the model's own base parameters.
 
     Parameters
     ----------
-    known : BaseParameters
+    base : BaseParameters
         Of all columns of the model.
     observation : Observation
         W of these base parameters; no other has to be built.
-    chosen : sequence of int
+    column_indices : sequence of int
         Places of the columns in the model, in the order of preference.
+    tolerance : float
+        As in `base_parameters`.
+
+    Returns
+    -------
+    BaseParameters
     """
-    n_states = _STATES_PER_COLUMN * len(known.names) // observation.robot.n + 20
-    w = random_observation(observation, n_states) @ known.grouping[:, list(chosen)]
-    return select_base(w, tuple(known.names[k] for k in chosen), tolerance)
+    n_states = _STATES_PER_COLUMN * len(base.names) // observation.robot.n + 20
+    w = random_observation(observation, n_states) @ base.grouping[:, list(column_indices)]
+    return select_base(w, tuple(base.names[k] for k in column_indices), tolerance)
 
 
 def select_base(
     w: FloatArray, names: tuple[str, ...], tolerance: float = DEFAULT_TOLERANCE, n_known: int = 0
 ) -> BaseParameters:
-    """Choose independent columns of an observation matrix w (r, c), earlier columns first.
+    """Choose independent columns of an observation matrix, earlier columns first.
 
-    The first `n_known` columns are independent already: they are kept, however little of them other states show.
+    Parameters
+    ----------
+    w : (r, c)
+    names : tuple of str
+        One a column.
+    tolerance : float
+        Share of a column's norm outside the columns before it, up to which it counts as dependent on them.
+    n_known : int
+        So many leading columns are independent already: they are kept, however little of them these states show.
+
+    Returns
+    -------
+    BaseParameters
     """
     norms = np.linalg.norm(w, axis=0)
     largest = norms.max(initial=0.0)
@@ -126,29 +150,34 @@ def select_base(
     null = norms <= _NULL * largest
     null[:n_known] = norms[:n_known] <= 0.0
     scaled = np.where(null, 0.0, w / np.where(null, 1.0, norms))
+    # Gram-Schmidt in the given order, not with pivoting: of dependent columns the earlier one has to stay, so that
+    # the base parameters keep their usual names.
     basis = np.empty((w.shape[0], w.shape[1]))
-    kept: list[int] = []
+    independent: list[int] = []
     for k in np.flatnonzero(~null):
-        rest = scaled[:, k].copy()
+        remainder = scaled[:, k].copy()
         for _ in range(2):  # twice is enough (Giraud, Langou and Rozložník 2005)
-            rest -= basis[:, : len(kept)] @ (basis[:, : len(kept)].T @ rest)
-        size = float(np.linalg.norm(rest))
+            remainder -= basis[:, : len(independent)] @ (basis[:, : len(independent)].T @ remainder)
+        size = float(np.linalg.norm(remainder))
         if size > tolerance or (k < n_known and size > 0.0):
-            basis[:, len(kept)] = rest / size
-            kept.append(int(k))
-    grouping = np.zeros((len(kept), w.shape[1]))
+            basis[:, len(independent)] = remainder / size
+            independent.append(int(k))
+    grouping = np.zeros((len(independent), w.shape[1]))
     written = np.zeros(grouping.shape, dtype=bool)
-    if kept:
-        q = basis[:, : len(kept)]
-        in_kept = np.linalg.solve(q.T @ scaled[:, kept], q.T @ scaled)
-        grouping = in_kept * norms / norms[kept][:, None]
+    if independent:
+        # All columns, written in the independent ones: their coordinates in the orthonormal basis decide, which is
+        # better conditioned than least squares on w itself.
+        q = basis[:, : len(independent)]
+        in_kept = np.linalg.solve(q.T @ scaled[:, independent], q.T @ scaled)
+        # Back from columns of unit length to the columns' own sizes.
+        grouping = in_kept * norms / norms[independent][:, None]
         grouping[np.abs(in_kept) < _ROUNDING] = 0.0
-        grouping[:, kept] = np.eye(len(kept))
+        grouping[:, independent] = np.eye(len(independent))
         # What rounded right angles leave behind belongs to the grouping, but not to a formula that somebody reads.
         written = (np.abs(in_kept) >= 10 * tolerance) & (grouping != 0)
     return BaseParameters(
         names=names,
-        kept=tuple(kept),
+        kept=tuple(independent),
         grouping=grouping,
         written=written,
         without_effect=tuple(int(k) for k in np.flatnonzero(null)),
@@ -157,7 +186,7 @@ def select_base(
 
 
 def _pivoted_rank(scaled: FloatArray, tolerance: float) -> int:
-    """Numerical rank by QR with column pivoting: a second opinion on the number of base parameters."""
+    """Return the numerical rank by QR with column pivoting, as a check of the number of base parameters."""
     if scaled.shape[1] == 0:
         return 0
     diagonal = np.abs(np.diag(qr(scaled, mode="r", pivoting=True)[0]))
@@ -165,7 +194,21 @@ def _pivoted_rank(scaled: FloatArray, tolerance: float) -> int:
 
 
 def random_observation(observation: Observation, n_states: int, seed: int = 0, *, at_rest: bool = False) -> FloatArray:
-    """The observation matrix (n_states · its rows, c) at random states, dense: small, for structure only."""
+    """Evaluate the observation matrix at random states, as a dense matrix: small, for its structure alone.
+
+    Parameters
+    ----------
+    observation : Observation
+    n_states : int
+    seed : int
+    at_rest : bool
+        Whether the robot stands in all states.
+
+    Returns
+    -------
+    (n_states · n_rows, c)
+        Rows of joints without torque are zero.
+    """
     rng = np.random.default_rng(seed)
     robot = observation.robot
     n = robot.n
@@ -173,6 +216,7 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0, *
     for j, joint in enumerate(robot.joints):
         if joint.kind == "prismatic":
             low[j], high[j] = joint.reach or (-1.0, 1.0)
+    # With closed loops not every joint position is possible: random ones have to close the loops.
     closure = None if robot.linkage is None else robot.linkage.closure
     q = rng.uniform(low, high, (n_states, n)) if closure is None else closure.postures(rng, n_states)
     dq, ddq = rng.uniform(-2, 2, (n_states, n)), rng.uniform(-5, 5, (n_states, n))
@@ -206,7 +250,7 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0, *
 
 
 def _times(observation: Observation, n_states: int, rng: np.random.Generator) -> FloatArray:
-    """Times (n_states,) of the session; half of them inside the windows that columns are limited to."""
+    """Return times (n_states,) of the session; half of them inside the windows that columns are limited to."""
     times = rng.uniform(0, 3600, n_states)
     windows = [dict(column.shape) for column in observation.columns if {"t0", "t1"} <= dict(column.shape).keys()]
     for k, state in enumerate(range(0, n_states, 2) if windows else ()):
@@ -215,11 +259,13 @@ def _times(observation: Observation, n_states: int, rng: np.random.Generator) ->
     return times
 
 
-def _order(shown: BoolArray, lead: int) -> list[int]:
-    return [lead, *(int(k) for k in np.flatnonzero(shown) if k != lead)]
+def _order(is_written: BoolArray, lead: int) -> list[int]:
+    """Return the parameters of a grouping, the leading one first."""
+    return [lead, *(int(k) for k in np.flatnonzero(is_written) if k != lead)]
 
 
 def _written(names: list[str], weights: FloatArray) -> str:
+    """Return a grouping as a formula."""
     text = names[0]
     for name, weight in zip(names[1:], weights[1:], strict=True):
         size = abs(float(weight))

@@ -1,7 +1,7 @@
 """The reaction wrench of the base as a source of the dynamic model's base parameters (§12.8; West, Raucent, Geffard).
 
-Six equations show more than the joints' torques do: links' parameters that only load the base. They are put beside the
-base parameters of the dynamic model as coordinates of their own, so that these keep their meaning and can be compared.
+Six equations show more than the joints' torques do: links' parameters that only load the base. They are appended to the
+base parameters of the dynamic model as separate coordinates, so that the base parameters keep their meaning.
 """
 
 from __future__ import annotations
@@ -40,30 +40,45 @@ class WrenchModel:
 
 
 def wrench_model(model: Model, *, tolerance: float = DEFAULT_TOLERANCE) -> WrenchModel:
-    """The base's wrench of all links of a model, and of what stands still: the base link and the sensor's offsets."""
+    """Build the equations of the base's wrench for a model.
+
+    The wrench is that of all links of the model, of the base link and of the sensor's offsets.
+
+    Parameters
+    ----------
+    model : Model
+    tolerance : float
+        Share of a column that may be left outside the others for it to count as dependent on them.
+
+    Returns
+    -------
+    WrenchModel
+    """
     columns = (*model.columns, *_constants(model.robot.n))
     whole = wrench_form(model.robot, columns, model.signals)
     names = tuple(column.name for column in columns)
     w = random_observation(whole.observation, _STATES_PER_COLUMN * len(columns) // 6 + 40)
     base = select_base(w, names, tolerance)
-    kept = list(base.kept)
+    independent = list(base.kept)
     grouping = np.hstack([model.base.grouping, np.zeros((model.n_parameters, 6))])
-    shown = grouping[:, kept]
+    visible = grouping[:, independent]
     norms = np.linalg.norm(w, axis=0)
-    unseen = _unseen(grouping, shown @ base.grouping, norms)
+    unseen = _unseen(grouping, visible @ base.grouping, norms)
     # In columns of equal size, what is at right angles to the base parameters completes them.
-    scaled = shown / norms[kept]
+    scaled = visible / norms[independent]
     q, _ = np.linalg.qr(scaled.T, mode="complete")
-    extra = q[:, model.n_parameters :].T * norms[kept]
-    coordinates = np.linalg.pinv(np.vstack([extra, shown]) / norms[kept]) / norms[kept][:, None]
-    form = wrench_form(model.robot, [columns[k] for k in kept], model.signals)
+    extra = q[:, model.n_parameters :].T * norms[independent]
+    coordinates = np.linalg.pinv(np.vstack([extra, visible]) / norms[independent]) / norms[independent][:, None]
+    form = wrench_form(model.robot, [columns[k] for k in independent], model.signals)
     return WrenchModel(form, coordinates, len(extra), tuple(model.base.kept_names[k] for k in unseen))
 
 
-def _unseen(grouping: FloatArray, shown: FloatArray, norms: FloatArray) -> list[int]:
-    """Which base parameters are no combination of what the wrench shows, a parameter measured by what it does to it."""
+def _unseen(grouping: FloatArray, reproduced: FloatArray, norms: FloatArray) -> list[int]:
+    """Return the base parameters that are no combination of what the wrench shows, weighed by effect on it."""
+    # A standard parameter without any effect on the wrench has infinite weight: if a base parameter holds one, the
+    # wrench cannot determine it.
     size = np.where(norms > 0, 1.0 / np.where(norms > 0, norms, 1.0), np.inf)
-    gap = np.where(grouping == shown, 0.0, np.abs(grouping - shown))
+    gap = np.where(grouping == reproduced, 0.0, np.abs(grouping - reproduced))
     with np.errstate(invalid="ignore"):
         whole = np.where(grouping == 0, 0.0, np.abs(grouping) * size)
         missing = np.where(gap == 0, 0.0, gap * size)
@@ -72,7 +87,7 @@ def _unseen(grouping: FloatArray, shown: FloatArray, norms: FloatArray) -> list[
 
 
 def _constants(n: int) -> list[Column]:
-    """One column for each component: the weight of the base link and the offsets of the sensor."""
+    """Return one constant column for each component: the weight of the base link and the offsets of the sensor."""
     units = ("N",) * 3 + ("N m",) * 3
     return [
         Column("", name, name, "", unit, ca.SX(n, 1), wrench=partial(_unit, k))

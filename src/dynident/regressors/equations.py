@@ -1,4 +1,4 @@
-"""From recordings to the equations of the models beside the dynamic one: streamed, filtered, folded into factors."""
+"""From recordings to the equations of all models but the dynamic one: streamed, filtered, accumulated into factors."""
 
 from __future__ import annotations
 
@@ -32,12 +32,25 @@ Treatment = Callable[[Iterable[Samples], Form, Recording, Preprocessing], Rows]
 
 
 def plain(samples: Iterable[Samples], form: Form, recording: Recording, preprocessing: Preprocessing) -> Rows:
-    """dS/dt + D, and y, through the parallel filter: the power model [12.52] and the base wrench."""
+    """Stream dS/dt + D and y through the parallel filter: the power model [12.52] and the base wrench.
+
+    Parameters
+    ----------
+    samples : iterable of Samples
+        Evaluations of the form, and y behind them, at the full rate.
+    form : Form
+    recording : Recording
+    preprocessing : Preprocessing
+
+    Yields
+    ------
+    segment, t (m,), rows (m, k)
+    """
     yield from low_passed(rated(samples, form, recording.sampling_rate), recording, preprocessing)
 
 
 def filtered(pole: float) -> Treatment:
-    """As `plain`, behind F(s) with this pole a in rad/s: the filtered dynamic model [12.28] and [12.30]."""
+    """Return the treatment of the filtered dynamic model [12.28], [12.30]: `plain` behind F(s) with pole a in rad/s."""
 
     def rows(samples: Iterable[Samples], form: Form, recording: Recording, preprocessing: Preprocessing) -> Rows:
         rate = recording.sampling_rate
@@ -47,7 +60,7 @@ def filtered(pole: float) -> Treatment:
 
 
 def over_intervals(interval: float) -> Treatment:
-    """ΔS + ∫D dt, and ∫y dt, over intervals of about this length in s: the energy model [12.43]-[12.49].
+    """Return the treatment of the energy model [12.43]-[12.49]: ΔS + ∫D dt and ∫y dt over intervals (s).
 
     S and the integrals pass the parallel filter before they are subtracted, so that an interval's ends are not two
     noisy samples; intervals begin every eighth of their length.
@@ -56,6 +69,7 @@ def over_intervals(interval: float) -> Treatment:
     def rows(samples: Iterable[Samples], form: Form, recording: Recording, preprocessing: Preprocessing) -> Rows:
         spacing = recording.period * preprocessing.decimation
         length = max(1, round(interval / spacing))
+        # Decimated rows are at the same time the ends of the intervals: intervals of all starts share them.
         knots = low_passed(integrated(samples, form, recording.period), recording, preprocessing)
         yield from differences(knots, length, max(1, length // _OVERLAP), spacing)
 
@@ -71,7 +85,7 @@ def reduce_form(
     progress: Progress = silent,
     memory: float = 0.0,
 ) -> Reduction:
-    """Fold the equations of all recordings into triangular factors, one an equation and stretch of time.
+    """Accumulate the equations of all recordings in triangular factors, one for each equation and block of time.
 
     Where an equation is about one joint alone, rows near which that joint stands are left out.
 
@@ -80,14 +94,22 @@ def reduce_form(
     form : Form
         Its columns become the reduction's.
     treatment : Treatment
-        What the model does with them.
+        What the model does with them: `plain`, `filtered` or `over_intervals`.
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
     reference : ReferenceParameters
         What torque is predicted with.
+    progress : Progress
     memory : float
         Seconds that the treatment remembers.
+
+    Returns
+    -------
+    Reduction
     """
     layout = form.layout
     n_entries = form.n_entries
+    # Only the filtered dynamic model has one equation for each joint; power, energy and wrench mix all joints.
     joint_by_joint = form.n_equations == form.observation.robot.n
 
     def rows_of(recording: Recording) -> Iterator[EquationRows]:
@@ -106,7 +128,7 @@ def reduce_form(
 def _evaluations(
     form: Form, reference: ReferenceParameters, recording: Recording
 ) -> Callable[[SampleBlock], FloatArray]:
-    """The entries of S and D, and y behind them."""
+    """Return the function that evaluates the entries of S and D, with y behind them."""
     entries = SampleFunction(form.observation, reference, recording)
     n_entries = len(form.observation.entry_rows)
 

@@ -1,4 +1,4 @@
-"""A known model with more effects: only what is new is derived, compiled and tested for dependence."""
+"""Extend a model by more effects: only what is new is derived, compiled and tested for dependence."""
 
 from __future__ import annotations
 
@@ -14,11 +14,23 @@ from dynident.regressors.model import Model, check_columns
 _STATES_PER_COLUMN = 2
 
 
-def extended_model(known: Model, added: Sequence[EffectChoice], *, tolerance: float = DEFAULT_TOLERANCE) -> Model:
-    """The model of a known one's effects and more.
+def extended_model(model: Model, added: Sequence[EffectChoice], *, tolerance: float = DEFAULT_TOLERANCE) -> Model:
+    """Return a model with more effects.
 
-    Its base parameters are those of the known model and, behind them, those of the new columns that are independent:
+    Its base parameters are those of the given model and, behind them, those of the new columns that are independent:
     of dependent columns the earlier one is kept.
+
+    Parameters
+    ----------
+    model : Model
+    added : sequence of EffectChoice
+    tolerance : float
+        Share of a column that may be left outside the others for it to count as dependent on them.
+
+    Returns
+    -------
+    Model
+        It shares the compiled observation matrix of the given one.
 
     Raises
     ------
@@ -27,34 +39,35 @@ def extended_model(known: Model, added: Sequence[EffectChoice], *, tolerance: fl
     """
     if not added:
         raise DynidentError("choose at least one effect to add", pointer="/effects")
-    new = columns_of(added, known.signals)
-    columns = (*known.columns, *new)
+    new = columns_of(added, model.signals)
+    columns = (*model.columns, *new)
     check_columns(columns)
-    whole = known.observation.extended(new, known.signals)
-    n_states = _STATES_PER_COLUMN * whole.n_columns // known.robot.n + 20
+    whole = model.observation.extended(new, model.signals)
+    n_states = _STATES_PER_COLUMN * whole.n_columns // model.robot.n + 20
     names = tuple(column.name for column in whole.columns)
     # At other states a column that is nearly dependent may pass for a dependent one: those of the model stay.
-    found = select_base(random_observation(whole, n_states), names, tolerance, known.n_parameters)
-    fresh = [k - known.n_parameters for k in found.kept if k >= known.n_parameters]
+    selection = select_base(random_observation(whole, n_states), names, tolerance, model.n_parameters)
+    fresh = [k - model.n_parameters for k in selection.kept if k >= model.n_parameters]
     observation = whole
+    # The first extension has dependent columns among the new ones: another one without them is needed.
     if len(fresh) < len(new):
-        observation = known.observation.extended([new[k] for k in fresh], known.signals)
-    effects = (*known.effects, *added)
-    return Model(known.robot, effects, known.signals, columns, _grown(known, found, names), observation)
+        observation = model.observation.extended([new[k] for k in fresh], model.signals)
+    effects = (*model.effects, *added)
+    return Model(model.robot, effects, model.signals, columns, _grown(model, selection, names), observation)
 
 
-def _grown(known: Model, found: BaseParameters, names: tuple[str, ...]) -> BaseParameters:
-    """Base parameters of all columns, from those of the known model's kept columns and the new ones behind them."""
-    before, b, c = known.base, known.n_parameters, len(known.columns)
-    shape = (found.count, c + len(names) - b)
+def _grown(model: Model, selection: BaseParameters, names: tuple[str, ...]) -> BaseParameters:
+    """Return base parameters of all columns, from those of the model and the new ones behind its kept columns."""
+    before, b, c = model.base, model.n_parameters, len(model.columns)
+    shape = (selection.count, c + len(names) - b)
     grouping, written = np.zeros(shape), np.zeros(shape, dtype=bool)
     grouping[:b, :c], written[:b, :c] = before.grouping, before.written
-    grouping[:, c:], written[:, c:] = found.grouping[:, b:], found.written[:, b:]
+    grouping[:, c:], written[:, c:] = selection.grouping[:, b:], selection.written[:, b:]
     return BaseParameters(
         names=before.names + names[b:],
-        kept=before.kept + tuple(k - b + c for k in found.kept if k >= b),
+        kept=before.kept + tuple(k - b + c for k in selection.kept if k >= b),
         grouping=grouping,
         written=written,
-        without_effect=before.without_effect + tuple(k - b + c for k in found.without_effect),
-        rank=before.rank + found.rank - b,
+        without_effect=before.without_effect + tuple(k - b + c for k in selection.without_effect),
+        rank=before.rank + selection.rank - b,
     )

@@ -1,4 +1,4 @@
-"""Equations of recordings, folded into triangular factors as they come: one an equation and stretch of time."""
+"""Accumulate the equations of recordings in triangular factors as they come: one for each equation and time block."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from dynident.progress import Progress, silent
 from dynident.recordings import Recording
 from dynident.side_by_side import one_by_one, side_by_side
 
+# Blocks of time: at least and at most so many seconds long, about so many of a recording, and never more than so
+# many.
 _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
 
 
 @dataclass(frozen=True, eq=False)
 class BesideRows:
-    """[W | Y] of motion beside a halt; W (k, p) either way and Y (k,) where a joint stands."""
+    """[W | Y] of motion near a halt; W (k, p) in either direction and Y (k,) where a joint stands."""
 
     partial: FloatArray
     upper: FloatArray
@@ -30,7 +32,7 @@ class BesideRows:
 class EquationRows:
     """Rows of one segment: t (m,), and [W | Y] (m, p + 1) of every equation.
 
-    `used` (m, equations): which of them count, all where it is None; `beside`: what else there is to each equation.
+    `used` (m, equations): which of them count, all if None; `beside`: rows near halts and at rest of every equation.
     """
 
     t: FloatArray
@@ -41,17 +43,25 @@ class EquationRows:
 
 
 def stretch_length(recordings: Sequence[Recording]) -> float:
-    """Length in s of the stretches that factors are kept for.
+    """Return the length in s of the blocks of time that factors are kept for.
 
     A twentieth of the data, but long against the correlation of filtered rows and short against the motion, and never
     so many that their factors would outgrow the data's own size.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    float
     """
     duration = sum(used_duration(recording) for recording in recordings)
     return float(max(np.clip(duration / _SHARE, _SHORTEST, _LONGEST), duration / _MOST))
 
 
 def used_duration(recording: Recording) -> float:
-    """Seconds of a recording that are inside its windows."""
+    """Return the seconds of a recording that are inside its windows."""
     total = 0.0
     for segment in recording.segments:
         start, end = segment.start_time, segment.start_time + segment.length * recording.period
@@ -72,7 +82,7 @@ def folded(
     *,
     in_turn: bool = False,
 ) -> Reduction:
-    """Fold the equations that `rows_of` makes of every recording into factors, of large ones several at a time.
+    """Accumulate the equations that `rows_of` makes of every recording, of large recordings several at a time.
 
     Parameters
     ----------
@@ -82,21 +92,28 @@ def folded(
         The parameters that each equation contains.
     n_columns : int
         Number of all parameters.
+    recordings : sequence of Recording
+    progress : Progress
     beside : bool
-        Whether what is beside the equations is kept.
+        Whether rows near halts and at rest are kept as well.
     in_turn : bool
         Whether the rows of one recording depend on those before, as a filter's do that goes on from one to the next.
+
+    Returns
+    -------
+    Reduction
     """
-    one = Folding(rows_of, tuple(columns), n_columns, stretch_length(recordings), beside)
+    fold_recording = Folding(rows_of, tuple(columns), n_columns, stretch_length(recordings), beside)
     sizes = [recording.n_samples for recording in recordings]
-    return concatenate((one_by_one if in_turn else side_by_side)(one, recordings, sizes, progress))
+    # Recordings are independent of each other, so that large ones run side by side.
+    return concatenate((one_by_one if in_turn else side_by_side)(fold_recording, recordings, sizes, progress))
 
 
 @dataclass(frozen=True, eq=False)
 class Folding:
-    """Folds one recording as `folded` does; goes to another process where `rows_of` does.
+    """Accumulates the equations of one recording, as `folded` does; can be sent to another process if `rows_of` can.
 
-    `stretch`: length in s of what a factor is kept for.
+    `stretch`: length in s of the blocks of time that have a factor each.
     """
 
     rows_of: Callable[[Recording], Iterable[EquationRows]]
@@ -105,26 +122,30 @@ class Folding:
     stretch: float
     beside: bool
 
-    def __call__(self, recording: Recording, told: Progress) -> Reduction:
-        """Factors of a recording."""
+    def __call__(self, recording: Recording, progress: Progress) -> Reduction:
+        """Return the factors of a recording."""
         accumulator = FactorAccumulator(self.columns, self.n_columns, self.stretch)
-        kept = [BesideAccumulator(len(own)) for own in self.columns] if self.beside else []
+        rest_accumulators = [BesideAccumulator(len(own)) for own in self.columns] if self.beside else []
         segment, start = -1, recording.segments[0].start_time
         duration = recording.n_samples * recording.period
         for part in self.rows_of(recording):
             if part.segment != segment:
+                # A block of time never spans two segments: between them time is missing.
                 accumulator.end_stretch()
                 segment = part.segment
             accumulator.push(part.t, part.rows, part.used)
-            for one, rows in zip(kept, part.beside or (), strict=False):
-                one.push_partial(rows.partial)
-                one.push_standing(rows.upper, rows.lower, rows.y)
-            told(min(1.0, float(part.t[-1] - start) / duration), recording.name)
-        return _with(accumulator.finish(), kept)
+            for rest_accumulator, rows in zip(rest_accumulators, part.beside or (), strict=False):
+                rest_accumulator.push_partial(rows.partial)
+                rest_accumulator.push_standing(rows.upper, rows.lower, rows.y)
+            progress(min(1.0, float(part.t[-1] - start) / duration), recording.name)
+        return _with(accumulator.finish(), rest_accumulators)
 
 
-def _with(reduction: Reduction, beside: Sequence[BesideAccumulator]) -> Reduction:
-    if not beside:
+def _with(reduction: Reduction, rest_accumulators: Sequence[BesideAccumulator]) -> Reduction:
+    """Return the reduction with the rows near halts and at rest of every equation."""
+    if not rest_accumulators:
         return reduction
-    equations = tuple(replace(e, beside=b.finish()) for e, b in zip(reduction.equations, beside, strict=True))
+    equations = tuple(
+        replace(e, beside=b.finish()) for e, b in zip(reduction.equations, rest_accumulators, strict=True)
+    )
     return replace(reduction, equations=equations)

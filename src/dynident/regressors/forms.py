@@ -1,4 +1,4 @@
-"""What the identification models make of the columns: a part that is differentiated in time, and a part that is not.
+"""The equations of the identification models: one part of them is differentiated in time, the other is not.
 
 Every model of the chapter is d/dt(S χ) + D χ = y, with S and D free of accelerations wherever a column has an energy:
 
@@ -47,30 +47,31 @@ class Form:
 
     @cached_property
     def n_stored(self) -> int:
-        """How many entries of an evaluation belong to S: the first ones."""
+        """Number of entries of an evaluation that belong to S: the first ones."""
         return int(np.count_nonzero(self.observation.entry_rows < self.n_equations))
 
     @property
     def n_entries(self) -> int:
-        """How many entries dS/dt + D has: those of S in their order, then those that D alone has."""
+        """Number of entries of dS/dt + D: those of S in their order, then those that D alone has."""
         return len(self._places) - len(self.shared[0])
 
     @cached_property
     def shared(self) -> tuple[IndexArray, IndexArray]:
-        """Which entries of an evaluation belong to D beside one of S, and which entries of dS/dt + D they become."""
+        """Entries of an evaluation that belong to D where S has one as well, and their places in dS/dt + D."""
         stored = self._places[: self.n_stored]
+        # Where the sorted places of S have each shared place of D: its entry is added to that of dS/dt.
         order = np.argsort(stored)
         picked = self.n_stored + np.flatnonzero(np.isin(self._places[self.n_stored :], stored))
         return picked, order[np.searchsorted(stored, self._places[picked], sorter=order)]
 
     @cached_property
     def alone(self) -> IndexArray:
-        """Which entries of an evaluation belong to D where S has none."""
+        """Entries of an evaluation that belong to D where S has none."""
         return np.setdiff1d(np.arange(self.n_stored, len(self._places)), self.shared[0])
 
     @property
     def layout(self) -> list[tuple[IndexArray, IndexArray]]:
-        """Of every equation: where its entries stand, and their columns, which ascend."""
+        """For every equation: where its entries stand, and their columns, in ascending order."""
         places = np.concatenate([self._places[: self.n_stored], self._places[self.alone]])
         order = np.argsort(places)
         rows, columns = places[order] // self._width, places[order] % self._width
@@ -83,16 +84,29 @@ class Form:
 
     @cached_property
     def _places(self) -> IndexArray:
-        """Of every entry of an evaluation: row and column in dS/dt + D, as one number."""
+        """For every entry of an evaluation: row and column in dS/dt + D, as one number."""
         places = self.observation.entry_rows % self.n_equations * self._width + self.observation.entry_columns
         return np.asarray(places, dtype=np.intp)
 
 
 def filtered_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> Form:
-    """The dynamic model without accelerations, [12.27] and [12.35]-[12.37]: one equation a joint."""
+    """Build the dynamic model without accelerations, [12.27] and [12.35]-[12.37]: one equation a joint.
+
+    Parameters
+    ----------
+    robot : Robot
+    columns : sequence of Column
+    signals : Signals
+        The symbols that the columns are made of.
+
+    Returns
+    -------
+    Form
+    """
     with_energy = _with_energy(columns)
     h = _energies(columns)
     # The potential energy is what is left of h without velocities: ∂u/∂q - ∂e/∂q = ∂(2u - h)/∂q.
+    # Kinetic energy vanishes without velocities.
     u = ca.substitute(h, signals.dq, ca.SX.zeros(robot.n))
     momentum = ca.jacobian(h, signals.dq).T
     force = ca.jacobian(2 * u - h, signals.q).T
@@ -103,7 +117,18 @@ def filtered_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> 
 
 
 def power_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> Form:
-    """The power model [12.50]-[12.51], and the integrand of the energy model [12.43]: one equation."""
+    """Build the power model [12.50]-[12.51], which is the integrand of the energy model [12.43] too: one equation.
+
+    Parameters
+    ----------
+    robot : Robot
+    columns : sequence of Column
+    signals : Signals
+
+    Returns
+    -------
+    Form
+    """
     with_energy = _with_energy(columns)
     others = [
         ca.SX(1, 1) if with_energy[k] else ca.mtimes(signals.dq.T, column.torque) for k, column in enumerate(columns)
@@ -113,7 +138,18 @@ def power_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> For
 
 
 def wrench_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> Form:
-    """The reaction of the base (§12.8): force and moment at the base frame's origin, along its axes; six equations.
+    """Build the reaction of the base (§12.8): force and moment at the base frame's origin, along its axes.
+
+    Parameters
+    ----------
+    robot : Robot
+    columns : sequence of Column
+    signals : Signals
+
+    Returns
+    -------
+    Form
+        Of six equations.
 
     Raises
     ------
@@ -129,14 +165,14 @@ def wrench_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> Fo
 
 
 def _wrench(block: SampleBlock) -> FloatArray:
-    """The measured wrench (m, 6)."""
+    """Return the measured wrench (m, 6)."""
     if block.wrench is None:
         raise ValueError("the samples have no wrench")
     return block.wrench
 
 
 def _power(block: SampleBlock) -> FloatArray:
-    """Γᵀq̇ (m, 1)."""
+    """Return the power Γᵀq̇ (m, 1)."""
     return np.asarray(np.einsum("ij,ij->i", block.tau, block.dq)[:, None])
 
 
@@ -145,12 +181,12 @@ def _with_energy(columns: Sequence[Column]) -> list[bool]:
 
 
 def _energies(columns: Sequence[Column]) -> ca.SX:
-    """SX (1, number of columns with an energy)."""
+    """Return the energies, SX (1, number of columns with an energy)."""
     return ca.horzcat(ca.SX(1, 0), *(column.energy() for column in columns if column.energy is not None))
 
 
 def _wide(rows: ca.SX, with_energy: Sequence[bool], n_rows: int) -> ca.SX:
-    """The rows (k, number of columns with an energy) with empty columns for those without one."""
+    """Return the rows (k, number of columns with an energy) with empty columns for those without one."""
     numbers = np.cumsum(with_energy) - 1
     return ca.horzcat(
         *(rows[:, int(k)] if has else ca.SX(n_rows, 1) for k, has in zip(numbers, with_energy, strict=True))

@@ -1,4 +1,4 @@
-"""What joint torque may depend on beside position, velocity and acceleration."""
+"""Signals that joint torque may depend on besides position, velocity and acceleration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Programs of an observation matrix that grows: what is compiled stays."""
+"""Evaluate an observation matrix that grew by columns: the compiled program of the earlier columns stays in use."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dynident.expressions import Program
 
 
 class JoinedPrograms:
-    """Two programs side by side: the entries of the first, then those of the second.
+    """Two programs evaluated together: the entries of the first, then those of the second.
 
     Parameters
     ----------
@@ -45,6 +45,7 @@ class JoinedPrograms:
             length = next(len(item) for item in inputs if item.ndim == 2)
             out = np.empty((length, self.n_outputs))
         border = self._first.n_outputs
+        # Inputs only ever grow at their ends, so that the first program reads the leading columns.
         leading = [item[..., :width] for item, width in zip(inputs, self._first.widths, strict=True)]
         self._first(*leading, out=out[:, :border])
         picked = [item[..., pick] for item, pick in zip(inputs, self._picks, strict=True)]

@@ -1,4 +1,4 @@
-"""The model that is to be identified: effects on a robot, their base parameters, and the W that belongs to them."""
+"""The model that is to be identified: effects on a robot, their base parameters, and the observation matrix W."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Model:
 
     @cached_property
     def at_rest(self) -> Observation:
-        """The friction of the kept columns where each joint is at the point of moving, either way: (2 n, b)."""
+        """The friction of the kept columns where each joint is about to move, in either direction: (2 n, b)."""
         return observation_at_rest(self.robot, self.kept, self.signals)
 
     @property
@@ -68,7 +68,7 @@ class Model:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether it has links, and of these nothing but what shows while the robot stands: no moment of inertia."""
+        """Whether it has links, but none of their moments of inertia: only what shows while the robot stands."""
         links = [column for column in self.columns if role_of(column) == "link"]
         return bool(links) and not any(
             role_of(column) == "link" and column.parameter in INERTIAL_NAMES[:6] for column in self.kept
@@ -76,7 +76,7 @@ class Model:
 
     @property
     def needs_load(self) -> bool:
-        """Whether a column rests on the load torque that the rigid body predicts."""
+        """Whether a column depends on the load torque that the rigid body predicts."""
         return any(effect_by_id(choice.effect).needs_load for choice in self.effects)
 
     @property
@@ -90,23 +90,31 @@ class Model:
         return self._left_out(hidden=True)
 
     def _left_out(self, *, hidden: bool) -> tuple[Column, ...]:
-        kept, silent = set(self.base.kept), self.robot.joints_without_torque
-        columns = [column for k, column in enumerate(self.columns) if k not in kept]
+        base_columns, silent = set(self.base.kept), self.robot.joints_without_torque
+        columns = [column for k, column in enumerate(self.columns) if k not in base_columns]
         if hidden:
             return tuple(c for c in columns if c.link in silent and role_of(c) != "link")
         return tuple(c for c in columns if c.link not in silent and not effect_by_id(c.effect).is_inertia)
 
     def standard_inertia(self, values: FloatArray) -> FloatArray:
-        """Standard inertial parameters (10 N,) of all links with these base parameters (b,), near the description's.
+        """Return standard inertial parameters of all links that have these base parameters, near the description's.
 
         The base parameters determine the torque; of all standard parameters that give them, those nearest to the
         description's are taken, since effects that reach beyond the base parameters (a tilted base) need a choice.
         Near is measured by how far a description is usually off; of rotors, which it does not know, anything is near.
+
+        Parameters
+        ----------
+        values : (b,)
+
+        Returns
+        -------
+        (10 N,)
         """
         return self._inertial_solution(values)[0]
 
     def _inertial_solution(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Standard inertial parameters (10 N,) and, where all links are in the model, its rotors' inertias."""
+        """Return standard inertial parameters (10 N,) and, if all links are in the model, rotors' inertias."""
         none = np.zeros(0)
         rigid = [k for k, column in enumerate(self.columns) if role_of(column) == "link"]
         described = self.robot.inertias
@@ -114,6 +122,8 @@ class Model:
         if not rigid:
             return links, none
         if len(rigid) != len(links):
+            # Only some links' parameters are in the model: the base parameters stand for themselves, all others are
+            # zero.
             full = np.zeros(len(links))
             for k, position in enumerate(self.base.kept):
                 column = self.columns[position]
@@ -123,17 +133,30 @@ class Model:
         rotors = [k for k, column in enumerate(self.columns) if role_of(column) == "rotor"]
         inertial = [k for k, column in enumerate(self.kept) if effect_by_id(column.effect).is_inertia]
         everything = rigid + rotors
+        # Base parameters of friction are left out, and so are standard parameters of other effects.
         grouping = self.base.grouping[np.ix_(inertial, everything)]
-        seen = np.any(self.base.written[np.ix_(inertial, everything)], axis=1)
+        has_inertia = np.any(self.base.written[np.ix_(inertial, everything)], axis=1)
         nominal = np.concatenate([links, np.zeros(len(rotors))])
         of_rotors = usual_rotor_inertias(self.robot.tree)[[self._joint(k) for k in rotors]]
         scale = np.concatenate([usual_errors(self.robot.tree).reshape(-1), of_rotors])
-        gap = values[inertial][seen] - grouping[seen] @ nominal
-        found = nominal + scale * (np.linalg.pinv(grouping[seen] * scale, rcond=1e-9) @ gap)
-        return found[: len(links)], found[len(links) :]
+        gap = values[inertial][has_inertia] - grouping[has_inertia] @ nominal
+        # The minimum-norm correction of the nominal values, in units of their usual errors, that gives the base
+        # parameters.
+        solution = nominal + scale * (np.linalg.pinv(grouping[has_inertia] * scale, rcond=1e-9) @ gap)
+        return solution[: len(links)], solution[len(links) :]
 
     def reference(self, values: FloatArray) -> ReferenceParameters:
-        """What predicts torque: standard inertial parameters of links, Ia, Fc, Fv and b of driven joints."""
+        """Return the parameters that torque is predicted with.
+
+        Parameters
+        ----------
+        values : (b,)
+
+        Returns
+        -------
+        ReferenceParameters
+            Standard inertial parameters of links; Ia, Fc, Fv and b of driven joints.
+        """
         names = self.robot.joint_names
         links, inertias_of_rotors = self._inertial_solution(values)
         drives = np.zeros((len(DRIVE_ROLES), self.robot.n))
@@ -170,11 +193,15 @@ def build_model(
     robot : Robot
     effects : sequence of EffectChoice
     tolerance : float
-        Share of a column that may be left beside the others for it to count as dependent on them.
+        Share of a column that may be left outside the others for it to count as dependent on them.
     signals : Signals, optional
         Those of another model of the same robot: its mechanics need not be derived again.
     base : BaseParameters, optional
         Those of the same effects on the same robot, where they are known.
+
+    Returns
+    -------
+    Model
 
     Raises
     ------
@@ -193,16 +220,16 @@ def build_model(
 
 def check_columns(columns: Sequence[Column]) -> None:
     """Raise where an effect is chosen twice with the same columns."""
-    seen = set()
+    keys = set()
     for column in columns:
-        if column.key in seen:
+        if column.key in keys:
             raise DynidentError(
                 f"{column.effect} is chosen twice for {column.link or 'the robot'}; name it once", pointer="/effects"
             )
-        seen.add(column.key)
+        keys.add(column.key)
 
 
 def inertial_base_parameters(robot: Robot, *, tolerance: float = DEFAULT_TOLERANCE) -> BaseParameters:
-    """The base inertial parameters of a robot: links alone, without rotors and friction."""
+    """Return the base inertial parameters of a robot: links alone, without rotors and friction."""
     signals = Signals(robot)
     return base_parameters(robot, columns_of([LINKS], signals), signals, tolerance=tolerance)

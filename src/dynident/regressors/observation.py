@@ -1,4 +1,4 @@
-"""The observation matrix W of [12.4] for a chosen set of columns: symbolic once, then evaluated block by block."""
+"""The observation matrix W of [12.4] for chosen columns: derived symbolically once, then evaluated block by block."""
 
 from __future__ import annotations
 
@@ -47,6 +47,7 @@ class Observation:
     def of_matrix(cls, robot: Robot, columns: Sequence[Column], matrix: ca.SX, signals: Signals) -> Observation:
         """Build another matrix (k, c) of the same columns, of expressions in `signals`; k need not be n."""
         memory, runs = signals.memory_in(matrix), signals.runs_in(matrix)
+        # Only structural non-zeros are evaluated and stored: most parameters do not act on most joints.
         rows, cols = matrix.sparsity().get_triplet()
         return cls(
             robot=robot,
@@ -60,7 +61,7 @@ class Observation:
         )
 
     def extended(self, columns: Sequence[Column], signals: Signals) -> Observation:
-        """The same observation matrix with more columns behind it; what is compiled stays."""
+        """Return the observation matrix with more columns behind the present ones; compiled programs are reused."""
         if not columns:
             return self
         tail = Observation.of(self.robot, columns, signals)
@@ -68,6 +69,7 @@ class Observation:
         runs = self.runs + tuple(item for item in tail.runs if item not in self.runs)
         widths, picks = list(tail.program.widths), _everything(len(tail.program.widths))
         for place, together, own in ((_MEMORY, memory, tail.memory), (_RUNS, runs, tail.runs)):
+            # The tail knows only its own hysteresis states and runs: it picks them from those of the whole.
             widths[place] = len(together)
             picks[place] = np.array([together.index(item) for item in own], dtype=np.intp)
         return Observation(
@@ -103,20 +105,26 @@ class Observation:
         further: FurtherSignals = NOTHING_FURTHER,
         out: FloatArray | None = None,
     ) -> FloatArray:
-        """Entries (m, number of entries) at m samples.
+        """Evaluate the entries of W at m samples.
 
         Parameters
         ----------
         q, dq, ddq : (m, n)
+            rad or m, and their derivatives.
         reference : ReferenceParameters
             What the torque of the load and of the motors is predicted with.
         memory : (m, number of memory signals)
         further : FurtherSignals, optional
-            What the columns depend on beside q, dq and ddq.
+            What the columns depend on besides q, dq and ddq.
         out : (m, number of entries), optional
             Where to put the result.
+
+        Returns
+        -------
+        (m, number of entries)
         """
         n = self.robot.n
+        # One row of zeros holds for all samples.
         nothing = np.zeros(n)
         return self.program(
             q,
@@ -134,16 +142,17 @@ class Observation:
         )
 
     def joint_entries(self, joint: int) -> tuple[IndexArray, IndexArray]:
-        """Positions among the entries, and columns, of one joint's row; columns ascend."""
+        """Return the positions among the entries, and the columns (ascending), of one joint's row."""
         positions = np.flatnonzero(self.entry_rows == joint)
         order = np.argsort(self.entry_columns[positions], kind="stable")
         return positions[order], self.entry_columns[positions[order]]
 
     def torque(self, entries: FloatArray, values: FloatArray) -> FloatArray:
-        """W χ (m, n_rows) from entries (m, number of entries) and parameters χ (c,)."""
+        """Return W χ (m, n_rows) from entries (m, number of entries) and parameters χ (c,)."""
         weighted = entries * values[self.entry_columns]
         out = np.zeros((len(entries), self.n_rows))
         for row in range(self.n_rows):
+            # Summed row by row: W is sparse, and a dense W would need memory for its zeros.
             out[:, row] = weighted[:, self.entry_rows == row].sum(axis=1)
         return out
 

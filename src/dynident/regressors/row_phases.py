@@ -1,4 +1,8 @@
-"""Which rows of which joint's equation count, and what a joint at rest may hold."""
+"""Which rows of which joint's equation count, and what a joint at rest may hold.
+
+A joint's phases (moving, reversing, standing) come from the recording; here they are widened by what the filters smear,
+and interpreted for the friction columns of one observation matrix.
+"""
 
 from __future__ import annotations
 
@@ -69,7 +73,20 @@ class RowPhases:
         preprocessing: Preprocessing,
         first: int | None = None,
     ) -> RowPhases:
-        """What holds for the rows of a recording, with the friction of the first so many columns, or of all."""
+        """Return the phases of a recording's rows.
+
+        Parameters
+        ----------
+        observation : Observation
+        recording : Recording
+        preprocessing : Preprocessing
+        first : int, optional
+            Count only the friction of so many leading columns; None: of all.
+
+        Returns
+        -------
+        RowPhases
+        """
         frictional = joints_with_friction(observation, first)
         remembering = _remembering_joints(observation)
         width = width_of(preprocessing, recording.sampling_rate)
@@ -80,6 +97,7 @@ class RowPhases:
         starting = starting_joints(observation)
         felt = _passive_friction(observation, first)
         passive = _passive_phases(recording, observation.robot.linkage) if felt.any() else None
+        # A joint with presliding or a sharp start changes its friction more slowly than by a jump at its reversals.
         jumping = frictional & felt.any(axis=1) & ~remembering & ~(starting & phases.free)
         no_torque = ~recording.has_torque | ~observation.robot.has_torque
         return cls(
@@ -87,17 +105,17 @@ class RowPhases:
         )
 
     def about(self, frictional: BoolArray) -> RowPhases:
-        """The same where these joints (n,) have friction, and each may have any kind of it."""
+        """Return the same if these joints (n,) have friction, which may then be of any kind."""
         return replace(self, frictional=frictional, starting=frictional, jumping=np.zeros_like(frictional))
 
     @property
     def interrupted(self) -> BoolArray:
-        """(n,): joints out of whose equation instants may be taken before the filter."""
-        found = self.starting | self.jumping
-        return found if self.passive is None or self.felt is None else np.asarray(found | self.felt.any(axis=1))
+        """Joints (n,) out of whose equation instants may be taken before the filter."""
+        joints = self.starting | self.jumping
+        return joints if self.passive is None or self.felt is None else np.asarray(joints | self.felt.any(axis=1))
 
     def certain(self, segment: int, t: FloatArray) -> BoolArray:
-        """(m, n): at which samples, at the full rate, the sign of all friction in a joint's equation is certain.
+        """Return (m, n): at which samples, at the full rate, the sign of all friction in a joint's equation is certain.
 
         With rubbed joints that follow it, it is not within some milliseconds of their halts, nor of where the joint
         itself turns round: filtered positions turn a little earlier or later. A jump is many times the noise, so that
@@ -108,32 +126,34 @@ class RowPhases:
         return np.asarray(~turns & ~self._followers_halt(segment, t, unsure))
 
     def holds(self, segment: int, t: FloatArray) -> BoolArray:
-        """(m, n): at which samples, at the full rate, the equation of a joint that is looked at where it starts holds.
+        """Return (m, n): at which samples, at the full rate, the equation of a joint with friction at its starts holds.
 
         At the others it stands: with them set to zero on both sides, the equation may be filtered like any other.
         """
         standing = self.phases.at(segment, t, self.margin) == Phase.STANDING
         return np.asarray(~standing | ~self.starting)
 
-    def partial(self, segment: int, t: FloatArray, found: PhaseArray, held: FloatArray | None) -> BoolArray:
-        """(m, n): rows beside a halt, of the joint or of one that follows it, that say something of motion.
+    def partial(self, segment: int, t: FloatArray, phase: PhaseArray, held: FloatArray | None) -> BoolArray:
+        """Return (m, n): rows near a halt, of the joint or of one that follows it, that still contain motion.
 
         Parameters
         ----------
-        segment, t
-            Number of the segment, and times (m,) of the rows.
-        found : (m, n)
+        segment : int
+        t : (m,)
+            Times of the rows.
+        phase : (m, n)
             Phases of the rows.
         held : (m, n), optional
             Share of what is under the filter at which the equation held.
         """
         if held is None:
-            return np.zeros(found.shape, dtype=bool)
-        beside = (found == Phase.STANDING) & self.starting
-        return np.asarray((beside | (found == Phase.PASSIVE_HALT)) & (held > _TOLD))
+            return np.zeros(phase.shape, dtype=bool)
+        near_halt = (phase == Phase.STANDING) & self.starting
+        # A row with less motion than this share under its filter would say next to nothing of the motion.
+        return np.asarray((near_halt | (phase == Phase.PASSIVE_HALT)) & (held > _TOLD))
 
     def _followers_halt(self, segment: int, t: FloatArray, before: float, after: float = 0.0) -> BoolArray:
-        """(m, n): where a rubbed joint that follows, and that the joint moves, turns round or stands.
+        """Return (m, n): where a passive joint that has friction and is moved by the joint turns round or stands.
 
         Parameters
         ----------
@@ -146,20 +166,30 @@ class RowPhases:
         return np.asarray((halts[:, None, :] & self.felt).any(axis=2))
 
     def at(self, segment: int, t: FloatArray, after: float = 0.0) -> PhaseArray:
-        """(m, n): phases at times t (m,) of a segment; `after`: seconds that a halt is felt beside the filters."""
-        found = self.phases.at(segment, t, self.width, after)
-        found[:, ~self.frictional] = Phase.MOVING
-        found[self._followers_halt(segment, t, self.width, after) & (found != Phase.STANDING)] = Phase.PASSIVE_HALT
-        found[:, self.no_torque] = Phase.NO_TORQUE
-        return found
+        """Return the phases (m, n) at times t (m,) of a segment.
+
+        Parameters
+        ----------
+        segment : int
+        t : (m,)
+        after : float
+            Seconds that a halt is felt longer than by the filters, by a treatment with a memory.
+        """
+        phase = self.phases.at(segment, t, self.width, after)
+        # The order matters: each line overrides the ones before it. Without friction a halt does no harm; without
+        # torque nothing else counts.
+        phase[:, ~self.frictional] = Phase.MOVING
+        phase[self._followers_halt(segment, t, self.width, after) & (phase != Phase.STANDING)] = Phase.PASSIVE_HALT
+        phase[:, self.no_torque] = Phase.NO_TORQUE
+        return phase
 
     def used(self, segment: int, t: FloatArray, after: float = 0.0) -> BoolArray:
-        """(m, n): which rows a model is fitted to."""
+        """Return (m, n): which rows a model is fitted to."""
         return fitted(self.at(segment, t, after))
 
 
 def fitted(phase: PhaseArray) -> BoolArray:
-    """Which rows a model is fitted to: all but those at which the joint, or a passive one that it moves, stands.
+    """Return which rows a model is fitted to: all but those at which the joint, or a passive one that it moves, stands.
 
     Where it turns round in one sweep, the sign of its friction changes at a known instant, as in W. That of a passive
     joint's friction changes when the speeds of several joints say so, each with its error.
@@ -167,11 +197,12 @@ def fitted(phase: PhaseArray) -> BoolArray:
     return np.asarray((phase == Phase.MOVING) | (phase == Phase.REVERSING))
 
 
+# Phases take a pass over the recording: they are kept as long as it lives.
 _known: WeakKeyDictionary[Recording, WeakKeyDictionary[Linkage, Phases]] = WeakKeyDictionary()
 
 
 def _passive_phases(recording: Recording, linkage: Linkage | None) -> Phases | None:
-    """The phases of joints that follow others, found once."""
+    """Return the phases of the passive joints, computed once for each recording and linkage."""
     if linkage is None:
         return None
     of_linkages = _known.setdefault(recording, WeakKeyDictionary())
@@ -182,71 +213,89 @@ def _passive_phases(recording: Recording, linkage: Linkage | None) -> Phases | N
 
 
 def _passive_friction(observation: Observation, first: int | None = None) -> BoolArray:
-    """(n, p): which joints move which of those that follow, as far as these have friction among the first columns."""
+    """Return (n, p): which joints move which passive joints, if these have friction in the first columns."""
     robot = observation.robot
     if robot.linkage is None:
         return np.zeros((robot.n, 0), dtype=bool)
     names = {c.link for c in observation.columns[:first] if c.effect and effect_by_id(c.effect).is_friction}
-    found = np.zeros((robot.n, len(robot.linkage.passive)), dtype=bool)
+    moves_rubbed = np.zeros((robot.n, len(robot.linkage.passive)), dtype=bool)
     for k, place in enumerate(robot.linkage.passive):
         # One that turns with a single joint halts when that does.
         if robot.tree.joint_names[place] in names and not robot.linkage.repeats(place):
-            found[list(robot.linkage.movers(place)), k] = True
-    return found
+            moves_rubbed[list(robot.linkage.movers(place)), k] = True
+    return moves_rubbed
 
 
 def joints_with_friction(observation: Observation, first: int | None = None) -> BoolArray:
-    """(n,): joints whose friction is among the columns, or among the first so many of them."""
+    """Return (n,): joints whose friction is among the columns.
+
+    Parameters
+    ----------
+    observation : Observation
+    first : int, optional
+        Look at so many leading columns only.
+    """
     # Offsets of a base sensor belong to no effect.
     names = {c.link for c in observation.columns[:first] if c.effect and effect_by_id(c.effect).is_friction}
-    found = np.zeros(observation.robot.n, dtype=bool)
+    has_friction = np.zeros(observation.robot.n, dtype=bool)
     for name in names & set(observation.robot.tree.joint_names):
-        found[list(observation.robot.movers(name))] = True
-    return found
+        has_friction[list(observation.robot.movers(name))] = True
+    return has_friction
 
 
 def _remembering_joints(observation: Observation) -> BoolArray:
-    """(n,): joints with friction that remembers the path."""
-    found = np.zeros(observation.robot.n, dtype=bool)
+    """Return (n,): joints with friction that remembers the path."""
+    has_memory = np.zeros(observation.robot.n, dtype=bool)
     for signal in observation.memory:
-        found[list(observation.robot.position_movers(signal.joint))] = True
-    return found
+        has_memory[list(observation.robot.position_movers(signal.joint))] = True
+    return has_memory
 
 
-def same_instants(one: Observation, other: Observation) -> bool:
-    """Whether the same instants are taken out of the equations of two observation matrices of one robot."""
+def same_instants(first: Observation, second: Observation) -> bool:
+    """Return whether the same instants are taken out of the equations of two observation matrices of one robot."""
 
-    def alike(*found: Callable[[Observation], BoolArray]) -> bool:
-        return all(np.array_equal(of(one), of(other)) for of in found)
+    def alike(*predicates: Callable[[Observation], BoolArray]) -> bool:
+        return all(np.array_equal(predicate(first), predicate(second)) for predicate in predicates)
 
     if not alike(starting_joints, _passive_friction):
         return False
     # Where a joint turns round is taken out only beside a rubbed one that follows it.
-    return not _passive_friction(one).any() or alike(joints_with_friction, _remembering_joints)
+    return not _passive_friction(first).any() or alike(joints_with_friction, _remembering_joints)
 
 
 def starting_joints(observation: Observation) -> BoolArray:
-    """(n,): joints with friction that shows where they start."""
+    """Return (n,): joints with friction that shows where they start."""
     return np.asarray(lives_at_starts(observation).any(axis=0))
 
 
 def lives_at_starts(observation: Observation) -> BoolArray:
-    """(columns, n): columns of friction that shows where its joint starts: at low speed, or shortly after a halt."""
+    """Return (columns, n): columns of friction that shows at low speed, or shortly after a halt, by joint."""
     names = observation.robot.tree.joint_names
-    found = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
+    shows_at_start = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
     for k, column in enumerate(observation.columns):
         if column.effect and column.link in names and effect_by_id(column.effect).at_starts(dict(column.shape)):
-            found[k, list(observation.robot.movers(column.link))] = True
-    return found
+            shows_at_start[k, list(observation.robot.movers(column.link))] = True
+    return shows_at_start
 
 
 def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
-    """W's columns of friction where each joint is at the point of moving: (2 n, columns), forward, then backward.
+    """Build W's columns of friction where each joint is about to move: (2 n, columns), forward, then backward.
 
     Row j is about joint j alone: it has no speed but a direction, and its path lies all in that direction. Of friction
     are also columns with predicted Coulomb friction in them, which jumps with noise about a speed of zero. No
     other column has an entry: those are the same at rest. A joint with a law that is steep at rest is held by what
     rubs it at a low speed, a share of its largest.
+
+    Parameters
+    ----------
+    robot : Robot
+    columns : sequence of Column
+    signals : Signals
+        The symbols that the columns are made of.
+
+    Returns
+    -------
+    Observation
     """
     jumps = signals.predicted.drive("Fc")
     friction = [
@@ -257,15 +306,16 @@ def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signal
     memory = {signal: signals.memory(signal) for signal in signals.memory_signals}
     for direction in (1.0, -1.0):
         for j in range(robot.n):
+            # The hysteresis state is at its end of this direction, as after a long way there.
             states = [symbol for signal, symbol in memory.items() if j in robot.position_movers(signal.joint)]
-            known = ca.vertcat(signals.dq[j], signals.ddq[j], *states)
+            state = ca.vertcat(signals.dq[j], signals.ddq[j], *states)
             speeds = (_TOUCH, min(_SLOWEST * velocity_scale(robot, j), _FASTEST_OF_SLOW) if steep[j] else _TOUCH)
             still, slow = (ca.vertcat(direction * v, 0.0, *([direction] * len(states))) for v in speeds)
             # What becomes zero at rest is an entry still, so that it is known to have changed.
             rows.append(
                 ca.horzcat(
                     *(
-                        ca.densify(ca.substitute(c.torque[j], known, still if _peaks_at_rest(c) else slow))
+                        ca.densify(ca.substitute(c.torque[j], state, still if _peaks_at_rest(c) else slow))
                         if f and not c.torque[j].is_zero()
                         else ca.SX(1, 1)
                         for c, f in zip(columns, friction, strict=True)
@@ -276,16 +326,16 @@ def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signal
 
 
 def _steep_at_rest(robot: Robot, columns: Sequence[Column]) -> BoolArray:
-    """(n,): joints with a law of the speed among the columns that is steepest at rest."""
-    found = np.zeros(robot.n, dtype=bool)
+    """Return (n,): joints with a law of the speed among the columns that is steepest at rest."""
+    is_steep = np.zeros(robot.n, dtype=bool)
     for c in columns:
         if c.effect and c.link in robot.tree.joint_names and effect_by_id(c.effect).steep_at_rest(dict(c.shape)):
-            found[list(robot.movers(c.link))] = True
-    return found
+            is_steep[list(robot.movers(c.link))] = True
+    return is_steep
 
 
 def _peaks_at_rest(column: Column) -> bool:
-    """Whether a column is friction that is largest where the joint starts, and falls off with speed or on its way."""
+    """Return whether a column is friction that is largest where the joint starts, and falls off from there."""
     if not column.effect:
         return False
     effect, shape = effect_by_id(column.effect), dict(column.shape)
@@ -293,7 +343,7 @@ def _peaks_at_rest(column: Column) -> bool:
 
 
 def changed_at_rest(at_rest: Observation) -> BoolArray:
-    """(columns,): columns of which something is different where a joint is at the point of moving."""
-    found = np.zeros(at_rest.n_columns, dtype=bool)
-    found[at_rest.entry_columns] = True
-    return found
+    """Return (columns,): columns of which something is different where a joint is about to move."""
+    changed = np.zeros(at_rest.n_columns, dtype=bool)
+    changed[at_rest.entry_columns] = True
+    return changed

@@ -1,4 +1,4 @@
-"""Filtered rows of W kept in memory, so that a model with more columns needs only the new ones to be evaluated."""
+"""Filtered rows of W cached in memory, so that a model with more columns needs only the new ones to be evaluated."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ class KeptRows:
         return f"KeptRows({', '.join(recording.name for recording in self.recordings)})"
 
     def of(self, recording: Recording, preprocessing: Preprocessing) -> tuple[FilteredSamples, ...] | None:
-        """What is kept of a recording; None where nothing is."""
+        """Return the cached samples of a recording; None if there are none, or of another preprocessing."""
         if preprocessing != self.preprocessing:
             return None
-        for known, samples in zip(self.recordings, self.samples, strict=True):
-            if _same(known, recording):
+        for kept_recording, samples in zip(self.recordings, self.samples, strict=True):
+            if _same(kept_recording, recording):
                 return samples
         return None
 
@@ -55,12 +55,24 @@ def reduce_and_keep(
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> tuple[Reduction, KeptRows | None]:
-    """Reduce recordings to a model's columns as `reduce_recordings` does, and keep their rows where they are few.
+    """Reduce recordings to a model's columns, and cache their filtered rows where they are few.
 
     Parameters
     ----------
+    model : Model
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+    reference : ReferenceParameters
+        What torque is predicted with.
+    progress : Progress
     known : KeptRows, optional
         Of a model that this one extends: only the columns behind it are evaluated, unless loads are predicted anew.
+
+    Returns
+    -------
+    Reduction
+    KeptRows or None
+        None if the rows have more than `MOST_VALUES` entries.
     """
     observation = model.observation
     usable = known if known is not None and _extends(observation, reference, known) else None
@@ -69,21 +81,23 @@ def reduce_and_keep(
         return reduce_recordings(
             observation, recordings, preprocessing, reference, progress, samples_of, model.at_rest
         ), None
-    kept: dict[Recording, tuple[FilteredSamples, ...]] = {}
+    samples_by_recording: dict[Recording, tuple[FilteredSamples, ...]] = {}
 
     def samples_and_keep(recording: Recording) -> Iterator[FilteredSamples]:
         collected = []
         for samples in _samples(observation, model.at_rest, recording, preprocessing, reference, usable):
+            # Samples are cached while they pass on to the reduction, so that nothing is read twice.
             collected.append(samples)
             yield samples
-        kept[recording] = tuple(collected)
+        samples_by_recording[recording] = tuple(collected)
 
     reduction = reduce_recordings(
         observation, recordings, preprocessing, reference, progress, samples_and_keep, model.at_rest
     )
-    used = reference if model.needs_load else None
-    samples = tuple(kept[recording] for recording in recordings)
-    return reduction, KeptRows(observation, used, preprocessing, tuple(recordings), samples)
+    load_reference = reference if model.needs_load else None
+    # The reduction may have worked through the recordings in another order.
+    samples = tuple(samples_by_recording[recording] for recording in recordings)
+    return reduction, KeptRows(observation, load_reference, preprocessing, tuple(recordings), samples)
 
 
 def reduce_with_more(
@@ -95,14 +109,23 @@ def reduce_with_more(
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> Reduction:
-    """Reduce recordings to a model's columns and more behind them, without what is beside the equations.
+    """Reduce recordings to a model's columns and further ones, without the rows near halts and at rest.
 
     Parameters
     ----------
+    model : Model
     more : sequence of Column
         Made from the model's signals.
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+    reference : ReferenceParameters
+    progress : Progress
     known : KeptRows, optional
         Of the model: only the columns behind it are evaluated.
+
+    Returns
+    -------
+    Reduction
     """
     observation = model.observation.extended(more, model.signals)
     usable = known if known is not None and _extends(observation, reference, known) else None
@@ -112,22 +135,22 @@ def reduce_with_more(
 
 
 def _most_values(observation: Observation, recordings: Sequence[Recording], preprocessing: Preprocessing) -> float:
-    """How many entries the filtered rows of recordings have at most."""
+    """Return an upper bound of the number of entries in the filtered rows."""
     seconds = sum(used_duration(recording) * recording.sampling_rate for recording in recordings)
     return seconds / preprocessing.decimation * (len(observation.entry_rows) + observation.robot.n)
 
 
 def _beside(
-    known: KeptRows | None,
+    kept_rows: KeptRows | None,
     observation: Observation,
     at_rest: Observation | None,
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
 ) -> Callable[[Recording], Iterator[FilteredSamples]] | None:
-    """What gives the samples of recordings beside those that are known; None where none are."""
-    if known is None:
+    """Return the function that gives a recording's samples, with the help of cached ones; None without any."""
+    if kept_rows is None:
         return None
-    return lambda recording: _samples(observation, at_rest, recording, preprocessing, reference, known)
+    return lambda recording: _samples(observation, at_rest, recording, preprocessing, reference, kept_rows)
 
 
 def _samples(
@@ -136,9 +159,10 @@ def _samples(
     recording: Recording,
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
-    known: KeptRows | None,
+    kept_rows: KeptRows | None,
 ) -> Iterator[FilteredSamples]:
-    head = None if known is None else known.of(recording, preprocessing)
+    # The cached leading columns (head), and the new ones behind them (tail).
+    head = None if kept_rows is None else kept_rows.of(recording, preprocessing)
     phases = RowPhases.of(observation, recording, preprocessing)
     if head is None or observation.parts is None:
         yield from filtered_samples(observation, recording, preprocessing, reference, at_rest, phases)
@@ -147,21 +171,28 @@ def _samples(
     tail = filtered_samples(observation.parts[1], recording, preprocessing, reference, at_rest, phases)
     for before, behind in zip(head, tail, strict=True):
         whole = tuple(
-            None if one is None or more is None else np.hstack([one[:, :-1], more])
-            for one, more in zip(before.whole, behind.whole, strict=True)
+            None if kept_equation is None or new_equation is None else np.hstack([kept_equation[:, :-1], new_equation])
+            for kept_equation, new_equation in zip(before.whole, behind.whole, strict=True)
         )
         yield replace(behind, values=np.hstack([before.values, behind.values]), whole=whole)
 
 
-def _extends(observation: Observation, reference: ReferenceParameters, known: KeptRows) -> bool:
-    if observation.parts is None or observation.parts[0] is not known.observation:
+def _extends(observation: Observation, reference: ReferenceParameters, kept_rows: KeptRows) -> bool:
+    """Return whether the cached rows are those of the leading columns, filtered with the same instants left out."""
+    if observation.parts is None or observation.parts[0] is not kept_rows.observation:
         return False
-    if not same_instants(observation, known.observation):
+    if not same_instants(observation, kept_rows.observation):
         return False
-    return known.reference is None or reference.is_like(known.reference)
+    return kept_rows.reference is None or reference.is_like(kept_rows.reference)
 
 
-def _same(one: Recording, other: Recording) -> bool:
-    if (one.windows, one.segments, one.name, one.payload) != (other.windows, other.segments, other.name, other.payload):
+def _same(first: Recording, second: Recording) -> bool:
+    """Return whether two recordings have the same rows, though they may be different objects."""
+    if (first.windows, first.segments, first.name, first.payload) != (
+        second.windows,
+        second.segments,
+        second.name,
+        second.payload,
+    ):
         return False
-    return one.source is other.source or (one.path is not None and one.path == other.path)
+    return first.source is second.source or (first.path is not None and first.path == second.path)

@@ -1,4 +1,4 @@
-"""What happens to samples between a form and its rows: rates, the filter F(s), integrals; in streams.
+"""Stages between a form's evaluations and its rows: rates, the filter F(s), integrals; in streams.
 
 Every stage takes and gives `Samples` and carries its state from block to block, so that the blocks' borders leave no
 trace, and starts anew with every segment.
@@ -22,10 +22,22 @@ _REACH = 2
 
 
 def rated(samples: Iterable[Samples], form: Form, rate: float) -> Iterator[Samples]:
-    """dS/dt + D beside y, from evaluations of the form beside y.
+    """Differentiate: dS/dt + D with y behind it, from evaluations of a form.
 
     The central difference has five points: that of three (as in [12.16]) would take (ωT)²/6 off a rate, which here,
     unlike there, stands alone against torque that nobody differentiated; five leave (ωT)⁴/30.
+
+    Parameters
+    ----------
+    samples : iterable of Samples
+    form : Form
+    rate : float
+        Sampling rate in Hz.
+
+    Yields
+    ------
+    Samples
+        Two samples shorter at either end of a segment, if anything is differentiated.
     """
     before, behind = (0, 0) if not form.has_rates else (_REACH, _REACH)
     for part in _with_neighbours(samples, before, behind):
@@ -36,7 +48,7 @@ def rated(samples: Iterable[Samples], form: Form, rate: float) -> Iterator[Sampl
 
 
 def integrated(samples: Iterable[Samples], form: Form, period: float) -> Iterator[Samples]:
-    """S + ∫D dt beside ∫y dt from the beginning of the segment: differences of two such rows are those of [12.43].
+    """Integrate: S + ∫D dt, and ∫y dt, from the beginning of the segment; differences of two rows are those of [12.43].
 
     The integral over one period is that of the cubic through four samples, exact to (ωT)⁴ 11/720.
     """
@@ -44,6 +56,8 @@ def integrated(samples: Iterable[Samples], form: Form, period: float) -> Iterato
     for part in _with_neighbours(samples, 2, 1):
         inner = slice(2, len(part.t) - 1)
         rates = _direct(part.values, form, 0)
+        # The integral of the cubic through x(k-2) … x(k+1), from k - 1 to k: T / 24 (13 (x(k-1) + x(k)) - x(k-2) -
+        # x(k+1)).
         steps = (period / 24.0) * (13.0 * (rates[1:-2] + rates[2:-1]) - rates[:-3] - rates[3:])
         if part.starts_segment:
             total = np.zeros(steps.shape[1])
@@ -56,10 +70,18 @@ def integrated(samples: Iterable[Samples], form: Form, period: float) -> Iterato
 
 
 def smoothed(samples: Iterable[Samples], pole: float, rate: float) -> Iterator[Samples]:
-    """Rows behind F(s) = a² / (s + a)² [12.29], made discrete by the bilinear transform; settled rows are used.
+    """Filter rows by F(s) = a² / (s + a)² [12.29], made discrete by the bilinear transform; settled rows are used.
 
     W and Y pass the same filter, so that no discretisation can bias the estimates. Rows that are not used enter as
     zeros on both sides of the equations.
+
+    Parameters
+    ----------
+    samples : iterable of Samples
+    pole : float
+        a in rad/s.
+    rate : float
+        Sampling rate in Hz.
     """
     b, a = signal.bilinear([pole**2], [1.0, 2.0 * pole, pole**2], rate)
     settling = ceil(_SETTLED / pole * rate)
@@ -67,6 +89,7 @@ def smoothed(samples: Iterable[Samples], pole: float, rate: float) -> Iterator[S
     run = 0
     for part in samples:
         if part.starts_segment:
+            # A filter at rest: it needs the settling time before its output means anything.
             state, run = np.zeros((2, part.values.shape[1])), 0
         values, state = signal.lfilter(b, a, part.values * part.used[:, None], axis=0, zi=state)
         lengths = _run_lengths(part.used, run)
@@ -77,13 +100,18 @@ def smoothed(samples: Iterable[Samples], pole: float, rate: float) -> Iterator[S
 def differences(
     rows: Iterable[tuple[int, FloatArray, FloatArray]], length: int, step: int, spacing: float
 ) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-    """Differences over intervals of `length` rows that begin every `step` rows: (segment, middle (m,), rows (m, k)).
+    """Take differences over intervals of `length` rows that begin every `step` rows.
 
     Parameters
     ----------
     rows : (segment, t (m,), values (m, k)), decimated
+    length, step : int
     spacing : float
         Seconds from one row to the next; an interval that rows are missing in is left out.
+
+    Yields
+    ------
+    segment, middle of the interval (m,), differences (m, k)
     """
     held: tuple[int, FloatArray, FloatArray] | None = None
     skip = 0
@@ -93,16 +121,18 @@ def differences(
         else:
             t, values = np.concatenate([held[1], t]), np.vstack([held[2], values])
         starts = np.arange(skip, len(t) - length, step)
+        # Where rows are missing inside an interval, its ends are farther apart than `length` rows.
         whole = starts[np.abs(t[starts + length] - t[starts] - length * spacing) < 0.5 * spacing]
         if len(whole):
             yield segment, 0.5 * (t[whole] + t[whole + length]), values[whole + length] - values[whole]
         following = int(starts[-1]) + step if len(starts) else skip
-        kept = min(following, len(t))
-        skip, held = following - kept, (segment, t[kept:], values[kept:])
+        # The next interval may begin behind the rows that are here: `skip` counts what is then still to be left out.
+        first_kept = min(following, len(t))
+        skip, held = following - first_kept, (segment, t[first_kept:], values[first_kept:])
 
 
 def _with_neighbours(samples: Iterable[Samples], before: int, behind: int) -> Iterator[Samples]:
-    """The samples with so many of their neighbours on either side; a segment's outermost have none and are left out."""
+    """Add to every block so many neighbours on either side; the outermost samples of a segment are left out."""
     reach = before + behind
     held: Samples | None = None
     starts = True
@@ -126,8 +156,9 @@ def _with_neighbours(samples: Iterable[Samples], before: int, behind: int) -> It
 
 
 def _changed(part: Samples, before: int, behind: int, values: FloatArray) -> Samples:
-    """The inner samples with other values; used where all of their neighbours are."""
+    """Return the inner samples with other values; used where all of their neighbours are."""
     inner = slice(before, len(part.t) - behind)
+    # A moving count of used samples by differences of a running one.
     counts = np.concatenate([[0], np.cumsum(part.used)])
     width = before + behind + 1
     used: BoolArray = counts[width:] - counts[: len(counts) - width] == width
@@ -135,7 +166,7 @@ def _changed(part: Samples, before: int, behind: int, values: FloatArray) -> Sam
 
 
 def _direct(values: FloatArray, form: Form, reach: int) -> FloatArray:
-    """D, in the entries of dS/dt + D, beside y; the outer `reach` samples are left out."""
+    """Return D in the entries of dS/dt + D, with y behind them; the outer `reach` samples are left out."""
     inner = values[reach : len(values) - reach]
     out = np.zeros((len(inner), form.n_entries + form.n_equations))
     picked, places = form.shared
@@ -147,6 +178,7 @@ def _direct(values: FloatArray, form: Form, reach: int) -> FloatArray:
 
 def _add_rates(stored: FloatArray, rate: float, out: FloatArray) -> None:
     """Add the central difference of five points of `stored` (m, k) to `out` (m - 4, k)."""
+    # (8 (x(k+1) - x(k-1)) - (x(k+2) - x(k-2))) / (12 T), in place: these arrays are as large as W.
     rates = stored[3:-1] - stored[1:-3]
     rates *= 8.0
     rates -= stored[4:]
@@ -156,7 +188,9 @@ def _add_rates(stored: FloatArray, rate: float, out: FloatArray) -> None:
 
 
 def _run_lengths(used: BoolArray, before: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """(m,): of how many used samples in a row each is the last, `before` of them in earlier blocks."""
+    """Return (m,): the number of used samples in a row up to each one, `before` of them in earlier blocks."""
+    # The last unused sample before each one, by a running maximum; what earlier blocks had in a row lies before index
+    # 0.
     index = np.arange(len(used))
     last = np.maximum.accumulate(np.where(used, -1 - before, index))
     return np.where(used, index - last, 0)

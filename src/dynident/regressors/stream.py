@@ -23,10 +23,10 @@ from dynident.side_by_side import ahead
 
 @dataclass(frozen=True, eq=False)
 class FilteredSamples:
-    """Decimated rows of one segment: t (m,), `values` (m, k) what was asked for, tau (m, n).
+    """Decimated rows of one segment: t (m,), `values` (m, k) the entries of W, tau (m, n).
 
-    `at_rest` (m, r): the entries of friction at the point of moving, where they were asked for. Where instants were
-    taken out before the filter, `held` (m, n) is the share of what is under it at which each equation held, and `whole`
+    `at_rest` (m, r): the entries of friction where a joint is about to move, if requested. Where instants were taken
+    out before the filter, `held` (m, n) is the share of what is under it at which each equation held, and `whole`
     [W | Y] (m, p_j + 1) of every joint with its halts, beside `at_rest`; None for joints without any taken out.
     """
 
@@ -39,20 +39,20 @@ class FilteredSamples:
     whole: tuple[FloatArray | None, ...] = ()
 
     def rows(self, layout: Sequence[tuple[IndexArray, IndexArray]]) -> list[FloatArray]:
-        """[W | Y] (m, p_j + 1) of every joint, from the places and columns of its entries."""
-        found = [np.empty((len(self.t), len(places) + 1)) for places, _ in layout]
-        for j, own in enumerate(found):
+        """Return [W | Y] (m, p_j + 1) of every joint, from the places and columns of its entries."""
+        equations = [np.empty((len(self.t), len(places) + 1)) for places, _ in layout]
+        for j, own in enumerate(equations):
             # More than twice as fast as an index.
             np.take(self.values, layout[j][0], axis=1, out=own[:, :-1], mode="clip")
             own[:, -1] = self.tau[:, j]
-        return found
+        return equations
 
 
 _BlockFunction = Callable[[SampleBlock], FloatArray]
 
 
 class SampleFunction:
-    """Values of an observation matrix along a recording, with the hysteresis states carried from block to block."""
+    """Evaluates an observation matrix along a recording, with hysteresis states carried from block to block."""
 
     def __init__(self, observation: Observation, reference: ReferenceParameters, recording: Recording) -> None:
         self._observation = observation
@@ -61,7 +61,7 @@ class SampleFunction:
         self._memory = MemoryStates(observation.memory)
 
     def __call__(self, block: SampleBlock) -> FloatArray:
-        """Entries (m, number of entries); zero where no sample is used and the value therefore does not matter."""
+        """Return entries (m, number of entries); zero outside the used samples, where the value does not matter."""
         out = np.empty((len(block.t), len(self._observation.entry_rows)))
         self.fill(block, out)
         return out
@@ -71,6 +71,7 @@ class SampleFunction:
         if block.starts_segment:
             self._memory.restart()
         states = self._memory.push(self._observation.robot.positions(block.q))
+        # Hysteresis remembers all samples; W itself is evaluated only from the first used sample to the last.
         needed = np.flatnonzero(block.used)
         part = slice(int(needed[0]), int(needed[-1]) + 1) if len(needed) else slice(0, 0)
         out[: part.start] = 0.0
@@ -98,7 +99,7 @@ class SampleFunction:
 
 
 def in_run(signal: RunSignal, recording: Recording, segment: int) -> float:
-    """1 where a segment of a recording is one of the signal's runs, else 0."""
+    """Return 1 if a segment of a recording is one of the signal's runs, else 0."""
     if not signal.runs:
         return float(recording.payload is not None)
     return float(bool({recording.name, recording.run_label(segment)} & set(signal.runs)))
@@ -112,27 +113,38 @@ def filtered_samples(
     at_rest: Observation | None = None,
     phases: RowPhases | None = None,
 ) -> Iterator[FilteredSamples]:
-    """Stream the entries of W, and Y beside them, through the parallel filter; only rows that are used come out.
+    """Stream the entries of W, and Y with them, through the parallel filter; only rows that are used come out.
 
     A joint's equation holds at every instant at which it moves, and friction has a certain sign. With all other
-    instants set to zero on both sides it holds at all, and the filter leaves it true: rows beside a halt then tell of
+    instants set to zero on both sides it holds at all, and the filter leaves it true: rows near a halt then tell of
     the motion in them, where the friction at rest, which nobody knows, would have been smeared over them.
 
     Parameters
     ----------
+    observation : Observation
+    recording : Recording
+    preprocessing : Preprocessing
+    reference : ReferenceParameters
+        What torque is predicted with.
     at_rest : Observation, optional
         Friction at the point of moving, whose entries are to come with them.
     phases : RowPhases, optional
         Takes halts out of the equations of joints that are looked at where they start, and out of all others the
         instants at which the sign of friction is uncertain.
+
+    Yields
+    ------
+    FilteredSamples
     """
-    parts = [SampleFunction(one, reference, recording) for one in (observation, at_rest) if one is not None]
+    parts = [SampleFunction(matrix, reference, recording) for matrix in (observation, at_rest) if matrix is not None]
     layout = [observation.joint_entries(joint) for joint in range(recording.n)]
     nowhere = np.zeros(recording.n, dtype=bool)
     starting, interrupted = (nowhere, nowhere) if phases is None else (phases.starting, phases.interrupted)
     # What is filtered a second time, with the halts in it: entries of joints that have some, and their torque.
+    # Rows at rest need the halts that the filtered equation lacks.
     joints = np.flatnonzero(starting) if at_rest is not None else np.zeros(0, dtype=np.intp)
     again = np.flatnonzero(np.isin(observation.entry_rows, joints))
+    # All that is filtered alike lies in one matrix: its columns are these slices.
     entries, resting, tau, held, whole, torque = _side_by_side(
         len(observation.entry_rows),
         0 if at_rest is None else len(at_rest.entry_rows),
@@ -144,14 +156,15 @@ def filtered_samples(
 
     # Places of an equation's entries and torque, and those of its friction at rest with them.
     equations = [np.append(places, tau.start + joint) for joint, (places, _) in enumerate(layout)]
-    known = equations
+    equations_and_rest = equations
     if at_rest is not None:
         friction = [[at_rest.joint_entries(row)[0] for row in (j, recording.n + j)] for j in range(recording.n)]
-        known = [
-            np.concatenate([one, resting.start + np.concatenate(own)])
-            for one, own in zip(equations, friction, strict=True)
+        equations_and_rest = [
+            np.concatenate([torque_places, resting.start + np.concatenate(own)])
+            for torque_places, own in zip(equations, friction, strict=True)
         ]
 
+    # One pass for all columns: what belongs to one equation has to be filtered with the same instants left out.
     def values(block: SampleBlock) -> FloatArray:
         rows = np.empty((len(block.t), torque.stop))
         for part, places in zip(parts, (entries, resting), strict=False):
@@ -159,7 +172,8 @@ def filtered_samples(
         rows[:, tau] = block.tau
         certain = None if phases is None or not interrupted.any() else phases.certain(block.segment, block.t)
         if certain is not None:
-            _take_out(rows, ~certain, known)
+            _take_out(rows, ~certain, equations_and_rest)
+        # Copied before halts are taken out of the equations: the copy keeps them, for rows at rest.
         rows[:, whole], rows[:, torque] = rows[:, again], rows[:, tau.start + joints]
         if phases is not None and certain is not None:
             moves = phases.holds(block.segment, block.t)
@@ -180,13 +194,13 @@ def filtered_samples(
 
 
 def _take_out(rows: FloatArray, out: BoolArray, places: Sequence[IndexArray]) -> None:
-    """Set what belongs to an equation, at `places` of `rows` (m, k), to zero at the samples of `out` (m, n)."""
+    """Set an equation, at `places` of `rows` (m, k), to zero at the samples where `out` (m, n) is true."""
     for joint in np.flatnonzero(out.any(axis=0)):
         rows[np.ix_(np.flatnonzero(out[:, joint]), places[int(joint)])] = 0.0
 
 
 def _side_by_side(*widths: int) -> list[slice]:
-    """Places of so many columns each."""
+    """Return slices of so many columns each, one behind the other."""
     ends = np.cumsum(widths)
     return [slice(int(end) - width, int(end)) for end, width in zip(ends, widths, strict=True)]
 
@@ -198,17 +212,30 @@ def _whole(
     joints: IndexArray,
     layout: Sequence[tuple[IndexArray, IndexArray]],
 ) -> tuple[FloatArray | None, ...]:
-    """[W | Y] of every joint from values of chosen `entries` and the torque of chosen `joints`; None for the others."""
-    found: list[FloatArray | None] = [None] * len(layout)
+    """Return [W | Y] of the joints in `joints`, whose `entries` were filtered with their halts; None for others."""
+    equations: list[FloatArray | None] = [None] * len(layout)
     for number, joint in enumerate(joints):
-        found[joint] = np.hstack([rows[:, np.searchsorted(entries, layout[joint][0])], tau[:, [number]]])
-    return tuple(found)
+        equations[joint] = np.hstack([rows[:, np.searchsorted(entries, layout[joint][0])], tau[:, [number]]])
+    return tuple(equations)
 
 
 def parallel_filtered(
     recording: Recording, preprocessing: Preprocessing, values: _BlockFunction
 ) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-    """Stream `values` of every block through the parallel filter: (segment, t (m,), rows (m, k)), used rows alone."""
+    """Stream `values` of every block through the parallel filter.
+
+    Parameters
+    ----------
+    recording : Recording
+    preprocessing : Preprocessing
+    values : function
+        Gives (m, k) of a block of filtered positions.
+
+    Yields
+    ------
+    segment, t (m,), rows (m, k)
+        Used rows alone.
+    """
     return low_passed(sampled(recording, preprocessing, values), recording, preprocessing)
 
 
@@ -224,7 +251,19 @@ class Samples:
 
 
 def sampled(recording: Recording, preprocessing: Preprocessing, values: _BlockFunction) -> Iterator[Samples]:
-    """Stream `values` of every block of filtered positions, of a large recording while those before are worked on."""
+    """Stream `values` of every block of filtered positions; of a large recording the next block is prepared ahead.
+
+    Parameters
+    ----------
+    recording : Recording
+    preprocessing : Preprocessing
+    values : function
+        Gives (m, k) of a block of filtered positions.
+
+    Yields
+    ------
+    Samples
+    """
     samples = (
         Samples(block.segment, block.starts_segment, block.t, block.used, values(block))
         for block in filtered_blocks(recording, preprocessing)
@@ -239,17 +278,18 @@ def low_passed(
     low_pass = ParallelFilter(recording.sampling_rate, preprocessing.torque_cutoff, preprocessing.decimation)
     segment = -1
     for part in samples:
+        # Flushed here, so that the rows that are left of a segment come out under its own number.
         if part.starts_segment and segment >= 0:
-            rest = low_pass.flush()
-            if rest.used.any():
-                yield segment, rest.t[rest.used], rest.values[rest.used]
+            remaining = low_pass.flush()
+            if remaining.used.any():
+                yield segment, remaining.t[remaining.used], remaining.values[remaining.used]
         segment = part.segment
-        given = low_pass.push(part.values, part.t, part.used, part.starts_segment)
-        if given.used.any():
-            yield segment, given.t[given.used], given.values[given.used]
-    rest = low_pass.flush()
-    if rest.used.any():
-        yield segment, rest.t[rest.used], rest.values[rest.used]
+        filtered = low_pass.push(part.values, part.t, part.used, part.starts_segment)
+        if filtered.used.any():
+            yield segment, filtered.t[filtered.used], filtered.values[filtered.used]
+    remaining = low_pass.flush()
+    if remaining.used.any():
+        yield segment, remaining.t[remaining.used], remaining.values[remaining.used]
 
 
 def reduce_recordings(
@@ -263,7 +303,7 @@ def reduce_recordings(
     *,
     by_phase: bool = False,
 ) -> Reduction:
-    """Fold all recordings into triangular factors, one a joint and stretch of time; W is never stored.
+    """Accumulate all recordings in triangular factors, one for each joint and block of time; W is never stored.
 
     Where a joint with friction stands, its own rows are no equations and are left out.
 
@@ -271,26 +311,35 @@ def reduce_recordings(
     ----------
     observation : Observation
         W, whose columns become the reduction's.
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
     reference : ReferenceParameters
         What torque is predicted with.
+    progress : Progress
     samples_of : function, optional
         Gives a recording's filtered samples, where they are at hand.
     at_rest : Observation, optional
         The friction of the same columns at rest: what is left out is then kept beside the factors.
     by_phase : bool
         Whether rows where joints turn round are told apart, so that they may be weighed; with `at_rest` they are.
+
+    Returns
+    -------
+    Reduction
     """
-    beside = at_rest is not None
-    apart = by_phase or beside
-    rows_of = ObservationRows(observation, preprocessing, reference, samples_of, at_rest, apart)
-    columns = [observation.joint_entries(joint)[1] for joint in range(observation.robot.n)] * (2 if apart else 1)
-    found = folded(rows_of, columns, observation.n_columns, recordings, progress, beside)
-    return told_apart(found) if apart else found
+    keeps_rest_rows = at_rest is not None
+    splits_reversals = by_phase or keeps_rest_rows
+    rows_of = ObservationRows(observation, preprocessing, reference, samples_of, at_rest, splits_reversals)
+    columns = [observation.joint_entries(joint)[1] for joint in range(observation.robot.n)] * (
+        2 if splits_reversals else 1
+    )
+    reduction = folded(rows_of, columns, observation.n_columns, recordings, progress, keeps_rest_rows)
+    return told_apart(reduction) if splits_reversals else reduction
 
 
 @dataclass(frozen=True, eq=False)
 class ObservationRows:
-    """Makes the equations of a recording, one a joint, as `reduce_recordings` says; `samples_of` keeps it here.
+    """Makes the equations of a recording, one a joint, as `reduce_recordings` says.
 
     `by_phase`: two a joint, the second n of the rows where joints turn round, the first of all others.
     """
@@ -303,33 +352,34 @@ class ObservationRows:
     by_phase: bool = False
 
     def __call__(self, recording: Recording) -> Iterator[EquationRows]:
-        """Its rows, as they come."""
+        """Yield the rows of a recording."""
         observation, joints = self.observation, range(self.observation.robot.n)
         layout = [observation.joint_entries(joint) for joint in joints]
         resting = None if self.at_rest is None else AtRest(observation, self.at_rest)
         phases = RowPhases.of(observation, recording, self.preprocessing)
         if self.samples_of is None:
-            given: Iterable[FilteredSamples] = filtered_samples(
+            sample_blocks: Iterable[FilteredSamples] = filtered_samples(
                 observation, recording, self.preprocessing, self.reference, self.at_rest, phases
             )
         else:
-            given = self.samples_of(recording)
-        for samples in given:
+            sample_blocks = self.samples_of(recording)
+        for samples in sample_blocks:
             rows = samples.rows(layout)
             phase = phases.at(samples.segment, samples.t)
             partial = phases.partial(samples.segment, samples.t, phase, samples.held)
-            beside = None
+            rest_rows = None
             if resting is not None and samples.at_rest is not None:
-                beside = [resting.rows(joint, rows[joint], samples, phase, partial) for joint in joints]
+                rest_rows = [resting.rows(joint, rows[joint], samples, phase, partial) for joint in joints]
             used = fitted(phase) | partial
             if self.by_phase:
                 turns = phase == Phase.REVERSING
+                # The same rows twice: once for all but the reversals, once for the reversals alone.
                 rows, used = rows + rows, np.hstack([used & ~turns, used & turns])
-            yield EquationRows(samples.t, rows, samples.segment, used, beside)
+            yield EquationRows(samples.t, rows, samples.segment, used, rest_rows)
 
 
 class AtRest:
-    """Rows of W at rest, for either direction, from its entries and those of friction at the point of moving."""
+    """Makes rows of W at rest, for either direction, from W's entries and those of friction about to move."""
 
     def __init__(self, observation: Observation, at_rest: Observation) -> None:
         n = observation.robot.n
@@ -341,10 +391,10 @@ class AtRest:
     def rows(
         self, joint: int, rows: FloatArray, samples: FilteredSamples, phase: PhaseArray, partial: BoolArray
     ) -> BesideRows:
-        """What is beside one joint's equation, of its rows [W | Y] (m, p + 1); phase and partial (m, n)."""
+        """Return the rows near halts and at rest of one joint from its rows [W | Y] (m, p + 1)."""
         standing = phase[:, joint] == Phase.STANDING
-        kept = samples.whole[joint] if samples.whole else None
-        whole = rows if kept is None else kept
+        unmasked = samples.whole[joint] if samples.whole else None
+        whole = rows if unmasked is None else unmasked
         either = []
         for positions, columns in self._entries[joint]:
             w = whole[standing, :-1].copy()

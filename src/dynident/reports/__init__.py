@@ -1,4 +1,4 @@
-"""Figures and documents."""
+"""Reports of identified models: tables, figures, and documents in HTML and PDF."""
 
 from __future__ import annotations
 
@@ -17,6 +17,5 @@ if TYPE_CHECKING:
 __all__ = ["Cell", "ReportChoices", "ReportedRun", "ReportedTable", "ReportedValidation", "html_report", "pdf_of"]
 
 if not TYPE_CHECKING:
-    # Matplotlib takes longer to load than most commands to run: only who draws waits for it. Who writes numbers in
-    # words waits for nothing.
+    # Loading matplotlib takes longer than most commands take to run, so it is imported only when something is drawn.
     __getattr__ = lazily(__name__)

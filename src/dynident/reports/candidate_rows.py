@@ -1,4 +1,4 @@
-"""What a diagnosis ranks, in words: the same on the command line and in a notebook."""
+"""The candidates of a diagnosis as rows of text, for the command line and for notebooks."""
 
 from __future__ import annotations
 
@@ -13,16 +13,29 @@ COLUMNS = ("rank", "effect", "joints", "error before", "after", "drop", "signifi
 
 
 def candidate_rows(ranked: Iterable[RankedEffect], robot: Robot) -> list[tuple[str, ...]]:
-    """A row of `COLUMNS` for each."""
+    """Return ranked candidates as rows of text.
+
+    Parameters
+    ----------
+    ranked : iterable of RankedEffect
+        Best first.
+    robot : Robot
+        The diagnosed robot.
+
+    Returns
+    -------
+    list of tuples of str
+        With the cells of `COLUMNS`.
+    """
     return [
         (
-            str(one.rank),
-            title_of(one.effect),
-            place_text(one.joints, robot.joint_names),
-            percent(one.error_before),
-            percent(one.error_after),
-            percent(one.error_drop, 2),
-            "yes" if one.significant else "no",
+            str(candidate.rank),
+            title_of(candidate.effect),
+            place_text(candidate.joints, robot.joint_names),
+            percent(candidate.error_before),
+            percent(candidate.error_after),
+            percent(candidate.error_drop, 2),
+            "yes" if candidate.significant else "no",
         )
-        for one in ranked
+        for candidate in ranked
     ]

@@ -1,4 +1,4 @@
-"""What differs, in words: the same on the command line, in a notebook and in a report."""
+"""Changes of a robot as rows of text, for the command line, notebooks and reports."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FRICTION_COLUMNS = ("friction of", "at a speed of", "before", "difference", "95 
 
 
 class ChangeCells(NamedTuple):
-    """A number that differs, in words: what `COLUMNS` says."""
+    """One number that differs, as the cells of `COLUMNS`."""
 
     title: str
     place: str
@@ -28,23 +28,35 @@ class ChangeCells(NamedTuple):
     p: str
 
 
-def change_rows(one: Change, robot: Robot) -> Iterator[ChangeCells]:
-    """A row of `COLUMNS` for each number of a change, the one that says how large it is first; it alone has p."""
-    for value in (one.main, *one.more):
+def change_rows(change: Change, robot: Robot) -> Iterator[ChangeCells]:
+    """Yield the numbers of a change as rows of text, the main one first; only the main one has a p-value.
+
+    Parameters
+    ----------
+    change : Change
+    robot : Robot
+        The robot that has changed.
+
+    Yields
+    ------
+    ChangeCells
+    """
+    for value in (change.main, *change.more):
         yield ChangeCells(
-            title_of(one.choice.effect),
-            place_text(one.choice.joints, robot.joint_names),
+            title_of(change.choice.effect),
+            place_text(change.choice.joints, robot.joint_names),
             value.parameter,
             "–" if value.before is None else number(value.before),
             _signed(value.value),
             " to ".join(number(end) for end in value.interval),
             "" if value.unit == "-" else value.unit,
-            p_value(one.p_value) if value is one.main else "",
+            # The test is one of the whole change, not of each of its parameters.
+            p_value(change.p_value) if value is change.main else "",
         )
 
 
 class FrictionCells(NamedTuple):
-    """By how much the friction of a joint differs, in words: what `FRICTION_COLUMNS` says."""
+    """The difference of one joint's friction, as the cells of `FRICTION_COLUMNS`."""
 
     joint: str
     speed: str
@@ -55,16 +67,28 @@ class FrictionCells(NamedTuple):
     share: str
 
 
-def friction_row(one: FrictionDifference) -> FrictionCells:
-    """A row of `FRICTION_COLUMNS`: of each joint, whether that is a finding or not."""
+def friction_row(difference: FrictionDifference) -> FrictionCells:
+    """Return the difference of one joint's friction as a row of text.
+
+    Parameters
+    ----------
+    difference : FrictionDifference
+        Of any joint that moves, significant or not.
+
+    Returns
+    -------
+    FrictionCells
+    """
     return FrictionCells(
-        one.joint,
-        f"{number(one.speed)} {'m/s' if one.unit == 'N' else 'rad/s'}",
-        number(one.before),
-        _signed(one.value),
-        " to ".join(number(end) for end in one.interval),
-        one.unit,
-        f"{'+' if one.value > 0 else ''}{percent(one.value / one.before, 2)}" if one.before > 0.0 else "–",
+        difference.joint,
+        f"{number(difference.speed)} {'m/s' if difference.unit == 'N' else 'rad/s'}",
+        number(difference.before),
+        _signed(difference.value),
+        " to ".join(number(end) for end in difference.interval),
+        difference.unit,
+        f"{'+' if difference.value > 0 else ''}{percent(difference.value / difference.before, 2)}"
+        if difference.before > 0.0
+        else "–",
     )
 
 

@@ -1,4 +1,4 @@
-"""The commands that make a model again."""
+"""The shell commands that make a model again."""
 
 from __future__ import annotations
 
@@ -25,23 +25,33 @@ _DIGITS = ".9g"
 
 
 Said = Mapping[str, RecordingMetadata]
-"""What was said of the files of recordings, by the recordings' names."""
+"""The metadata that users stated for the files of recordings, by the recordings' names."""
 
 
 def metadata_files(said: Said) -> dict[str, str]:
-    """The files for `--metadata` that the commands name, with what is in them: one of each recording that needs one."""
-    told = {name: _told(one) for name, one in said.items()}
-    return {_metadata_file(name): json.dumps(one) for name, one in told.items() if one}
+    """Return the files for the option `--metadata` that the commands name.
+
+    Parameters
+    ----------
+    said : mapping of recording name to RecordingMetadata
+
+    Returns
+    -------
+    dict of file name to JSON text
+        One for each recording that cannot be read without stated metadata.
+    """
+    values_by_name = {name: _told(metadata) for name, metadata in said.items()}
+    return {_metadata_file(name): json.dumps(values) for name, values in values_by_name.items() if values}
 
 
 _TOLD = ("columns", "units", "permutation", "signs", "scale", "torque_delay", "effort_kind", "skip")
-"""What a file cannot be read without, where it was said. Accepted checks and windows, from which what was excluded is
-gone, have options of their own."""
+"""Fields of the metadata that a file is read with. Accepted checks and windows have options of their own; excluded
+times are already cut out of the windows."""
 
 
-def _told(one: RecordingMetadata) -> dict[str, Any]:
-    """What was said of a file, as far as anything was."""
-    values = {name: getattr(one, name) for name in _TOLD}
+def _told(metadata: RecordingMetadata) -> dict[str, Any]:
+    """Return the stated fields of a file's metadata as JSON values."""
+    values = {name: getattr(metadata, name) for name in _TOLD}
     return {name: dict(value) if isinstance(value, Mapping) else value for name, value in values.items() if value}
 
 
@@ -52,25 +62,32 @@ def _metadata_file(name: str) -> str:
 def commands(
     identification: Identification, recordings: Sequence[Recording] = (), said: Said = MappingProxyType({})
 ) -> tuple[str, ...]:
-    """One command for the first model of a ladder and one for every rung; recordings go by their names.
+    """Return the commands that make a model again: one for the first model of the ladder and one for every step.
 
-    A rung for which something else was changed than the effects is identified anew. What only some runs have is said
-    behind the command: `--effects` has no words for it.
+    A step that changes something else than the effects becomes a new identification. Effects that only some segments
+    have are named in a comment behind the command, since the option `--effects` cannot express them.
 
     Parameters
     ----------
+    identification : Identification
     recordings : sequence of Recording, optional
         Those of the model, for the windows that were used of them.
     said : mapping, optional
-        What was said of their files: see `metadata_files`.
+        Stated metadata of their files by recording name: see `metadata_files`.
+
+    Returns
+    -------
+    tuple of str
+        Commands for a POSIX shell, in the order in which they are to run; recordings go by their names.
     """
-    found = []
-    windows = {one.name: one.windows for one in recordings}
+    command_lines = []
+    windows = {recording.name: recording.windows for recording in recordings}
     for number, rung in enumerate(identification.ladder(), 1):
         files = [*rung.data.measurement_names, *(part for name in rung.data.validation_names for part in ("-v", name))]
         names = [*rung.data.measurement_names, *rung.data.validation_names]
         files += [*_windows(names, windows), *_metadata(names, said)]
         before, out = f"model{number - 1}.npz", ["-o", f"model{number}.npz"]
+        # An extension or a removal starts from the model of the step before, so that its file has to be named.
         step = rung.step
         if step.added:
             texts = ",".join(effect_text(choice, _DIGITS) for choice in step.added)
@@ -79,29 +96,30 @@ def commands(
             texts = ",".join(effect_text(choice, _DIGITS) for choice in step.removed)
             words = ["remove", before, "--effects", texts, *out]
         else:
-            chosen = [*_of_robot(rung.model.robot), *_options(rung.choices), *_filters(rung.preprocessing)]
-            words = ["identify", ROBOT, *files, *chosen, *out]
-        told = step.added or step.removed or rung.choices.effects
-        found.append(shlex.join(["dynident", *words]) + _in_some_runs(told))
-    return tuple(found)
+            options = [*_of_robot(rung.model.robot), *_options(rung.choices), *_filters(rung.preprocessing)]
+            words = ["identify", ROBOT, *files, *options, *out]
+        step_effects = step.added or step.removed or rung.choices.effects
+        command_lines.append(shlex.join(["dynident", *words]) + _in_some_runs(step_effects))
+    return tuple(command_lines)
 
 
 def _of_robot(robot: Robot) -> Iterator[str]:
-    """What the description may not say of a robot: gravity, locked joints, drive gains."""
+    """Yield the options for what a robot's description may lack: gravity, locked joints, drive gains."""
     if tuple(robot.gravity) != GRAVITY:
         yield from ("--gravity", ",".join(format(value, _DIGITS) for value in robot.gravity))
     if robot.locked_joints:
         yield from ("--lock", ",".join(f"{name}={at:{_DIGITS}}" for name, at in robot.locked_joints.items()))
     gains = {name: drive.gain for name, drive in zip(robot.joint_names, robot.drives, strict=True)}
-    stated = [f"{name}={gain:{_DIGITS}}" for name, gain in gains.items() if gain is not None]
-    if stated:
-        yield from ("--drive-gains", ",".join(stated))
+    gain_texts = [f"{name}={gain:{_DIGITS}}" for name, gain in gains.items() if gain is not None]
+    if gain_texts:
+        yield from ("--drive-gains", ",".join(gain_texts))
 
 
 def _windows(names: Sequence[str], windows: Mapping[str, Windows]) -> Iterator[str]:
-    said = [(name, *one) for name in names for one in windows.get(name, ())]
-    if said:
-        yield from ("--windows", ",".join(f"{name}={start:{_DIGITS}}:{end:{_DIGITS}}" for name, start, end in said))
+    intervals = [(name, *window) for name in names for window in windows.get(name, ())]
+    if intervals:
+        texts = (f"{name}={start:{_DIGITS}}:{end:{_DIGITS}}" for name, start, end in intervals)
+        yield from ("--windows", ",".join(texts))
 
 
 def _metadata(names: Sequence[str], said: Said) -> Iterator[str]:
@@ -113,18 +131,19 @@ def _metadata(names: Sequence[str], said: Said) -> Iterator[str]:
 
 
 def _in_some_runs(choices: Sequence[EffectChoice]) -> str:
-    found = [f"{choice.effect} in {', '.join(choice.runs)} alone" for choice in choices if choice.runs]
-    return f"  # {'; '.join(found)}: give the diagnosis by --diagnosis, or the runs in Python" if found else ""
+    texts = [f"{choice.effect} in {', '.join(choice.runs)} alone" for choice in choices if choice.runs]
+    return f"  # {'; '.join(texts)}: give the diagnosis by --diagnosis, or the runs in Python" if texts else ""
 
 
 def _options(choices: IdentificationChoices) -> Iterator[str]:
-    """What differs from the defaults, as options."""
+    """Yield the options for all choices that differ from their defaults."""
     yield from ("--effects", ",".join(effect_text(choice, _DIGITS) for choice in choices.effects))
-    for one in fields(choices):
-        said, value = said_of(one), getattr(choices, one.name)
-        if said.option == "-" or value == default_of(one):
+    for choice_field in fields(choices):
+        description, value = said_of(choice_field), getattr(choices, choice_field.name)
+        # Choices without an option ("-") cannot be made on the command line; the defaults need none.
+        if description.option == "-" or value == default_of(choice_field):
             continue
-        option = said.option or f"--{one.name.replace('_', '-')}"
+        option = description.option or f"--{choice_field.name.replace('_', '-')}"
         if isinstance(value, bool):
             yield option if value else option.replace("--", "--no-", 1)
         else:
@@ -133,7 +152,7 @@ def _options(choices: IdentificationChoices) -> Iterator[str]:
 
 def _text(value: object) -> str:
     if isinstance(value, Kind):
-        options = [(one.name, getattr(value, one.name)) for one in fields(value)]
+        options = [(option_field.name, getattr(value, option_field.name)) for option_field in fields(value)]
         return f"{value.name}:{','.join(f'{name}={option}' for name, option in options)}" if options else value.name
     if isinstance(value, Sequence) and not isinstance(value, str):
         return ",".join(map(str, value))

@@ -1,4 +1,4 @@
-"""How figures are written for people: enough digits, always with a unit."""
+"""Numbers as text for people: rounded to significant digits, with typographic minus signs and units."""
 
 from __future__ import annotations
 
@@ -9,7 +9,20 @@ MINUS = "\u2212"
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number with so many significant digits; "–" where there is none, "∞" where it is infinite."""
+    """Format a number with some significant digits.
+
+    Parameters
+    ----------
+    value : float or None
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        "–" for None and NaN, "∞" for infinity; powers of ten for very small and very large numbers.
+    """
+    # Only NaN differs from itself.
     if value is None or value != value:
         return "–"
     if not isfinite(value):
@@ -23,7 +36,20 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def estimate(value: float, deviation: float) -> tuple[str, str]:
-    """A value and its standard deviation with the same number of decimals, two significant digits in the latter."""
+    """Format a value and its standard deviation with the same number of decimals.
+
+    Parameters
+    ----------
+    value : float
+    deviation : float
+        Standard deviation, in the unit of `value`.
+
+    Returns
+    -------
+    value, deviation : str
+        The deviation has two significant digits.
+    """
+    # Where the deviation says nothing about the decimals, each number gets its own significant digits.
     if not (isfinite(deviation) and deviation > 0 and 1e-4 <= deviation < 1e5 and abs(value) < 1e6):
         return number(value, 4), number(deviation, 2)
     decimals = _decimals(deviation, 2)
@@ -31,7 +57,19 @@ def estimate(value: float, deviation: float) -> tuple[str, str]:
 
 
 def percent(fraction: float | None, digits: int = 3) -> str:
-    """A fraction as per cent; anything beyond 1000 % only as that."""
+    """Format a fraction in per cent.
+
+    Parameters
+    ----------
+    fraction : float or None
+    digits : int
+        Significant digits; never more than three decimals.
+
+    Returns
+    -------
+    str
+        "–" for None and NaN, "> 1000 %" for more than that.
+    """
     if fraction is None or fraction != fraction:
         return "–"
     if fraction > 10:
@@ -43,21 +81,57 @@ def percent(fraction: float | None, digits: int = 3) -> str:
 
 
 def p_value(p: float) -> str:
-    """A p-value; what is below one in a million is only said to be so."""
+    """Format a p-value; below one in a million only as "< 10⁻⁶".
+
+    Such small values rest on tails of distributions that no data confirm.
+
+    Parameters
+    ----------
+    p : float
+
+    Returns
+    -------
+    str
+    """
     return f"< 10{_superscript(-6)}" if p < 1e-6 else number(p, 2)
 
 
 def span(low: float, high: float, unit: str, digits: int = 3) -> str:
-    """A range with its unit."""
+    """Format a range with its unit.
+
+    Parameters
+    ----------
+    low, high : float
+    unit : str
+    digits : int
+        Significant digits of each end.
+
+    Returns
+    -------
+    str
+    """
     return f"{number(low, digits)} … {number(high, digits)} {unit}"
 
 
 def counted(count: int, noun: str, plural: str | None = None) -> str:
-    """A count with its noun in the right number."""
+    """Format a count with its noun in the singular or the plural.
+
+    Parameters
+    ----------
+    count : int
+    noun : str
+    plural : str, optional
+        Where it is not the noun with an s.
+
+    Returns
+    -------
+    str
+    """
     return f"{count:,} {noun if count == 1 else plural or noun + 's'}".replace(",", NARROW_SPACE)
 
 
 def _decimals(value: float, digits: int) -> int:
+    """Return how many decimals show a value with so many significant digits."""
     return max(0, digits - 1 - floor(log10(abs(value))))
 
 

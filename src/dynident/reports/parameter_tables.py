@@ -1,4 +1,4 @@
-"""Identified parameters and shape constants as tables: the same on the command line, in reports and on the page."""
+"""Identified parameters and shape constants as tables, for the command line, reports and the page."""
 
 from __future__ import annotations
 
@@ -17,77 +17,110 @@ GROUPING, TIMES_SMALLEST = "in standard parameters", "times smallest"
 
 
 def parameter_table(title: str, parameters: Iterable[IdentifiedParameter]) -> ReportedTable:
-    """Parameters under their effects; those that are not essential are left out."""
-    essential = [one for one in parameters if one.essential]
-    groups = {(one.effect, one.shape): "" for one in essential}
+    """Return a table of parameters, grouped by effect; parameters that are not essential are left out.
+
+    Parameters
+    ----------
+    title : str
+    parameters : iterable of IdentifiedParameter
+
+    Returns
+    -------
+    ReportedTable
+    """
+    essential = [parameter for parameter in parameters if parameter.essential]
+    groups = {(parameter.effect, parameter.shape): "" for parameter in essential}
     for effect, shape in groups:
         constants = shape_text(EffectChoice(effect, (), shape))
         groups[effect, shape] = ", ".join(filter(None, (effect_by_id(effect).title, constants)))
-    ordered = [one for group in groups for one in essential if (one.effect, one.shape) == group]
+    # Groups are in the order of their first parameter, and so are the parameters within each.
+    ordered = [parameter for group in groups for parameter in essential if (parameter.effect, parameter.shape) == group]
     return ReportedTable(
         title,
         (
             *("parameter", "joint", "value", "standard deviation", "95 % interval", "unit", "relative"),
             *(TIMES_SMALLEST, "determined", GROUPING),
         ),
-        tuple(_parameter(one) for one in ordered),
+        tuple(_parameter(parameter) for parameter in ordered),
         numbers_from=2,
-        groups=tuple(groups[one.effect, one.shape] for one in ordered),
+        groups=tuple(groups[parameter.effect, parameter.shape] for parameter in ordered),
     )
 
 
-def _parameter(one: IdentifiedParameter) -> tuple[Cell, ...]:
-    value, deviation = estimate(one.value, one.standard_deviation)
-    ends = [estimate(end, one.standard_deviation)[0] for end in one.interval if isfinite(end)]
-    judged = JUDGED[one.judgement]
+def _parameter(parameter: IdentifiedParameter) -> tuple[Cell, ...]:
+    value, deviation = estimate(parameter.value, parameter.standard_deviation)
+    # A parameter that the data do not determine has an infinite interval, which is shown as "–".
+    ends = [estimate(end, parameter.standard_deviation)[0] for end in parameter.interval if isfinite(end)]
+    judgement = JUDGED[parameter.judgement]
     return (
-        *words(one.name, one.link or "whole robot"),
-        Cell(value, one.value),
-        Cell(deviation, one.standard_deviation),
+        *words(parameter.name, parameter.link or "whole robot"),
+        Cell(value, parameter.value),
+        Cell(deviation, parameter.standard_deviation),
         Cell(" to ".join(ends) or "–", is_figures=True),
-        Cell(one.unit),
-        share(one.relative_standard_deviation, 2),
-        Cell(number(one.times_smallest, 2), is_figures=True),
-        Cell(judged.words, mark=judged.mark),
-        Cell(one.grouping),
+        Cell(parameter.unit),
+        share(parameter.relative_standard_deviation, 2),
+        Cell(number(parameter.times_smallest, 2), is_figures=True),
+        Cell(judgement.words, mark=judgement.mark),
+        Cell(parameter.grouping),
     )
 
 
 def shape_table(constants: Sequence[ShapeConstant], joints: Sequence[str]) -> ReportedTable:
-    """The constants inside the effects' columns, of a robot with these joints."""
+    """Return a table of shape constants.
+
+    Parameters
+    ----------
+    constants : sequence of ShapeConstant
+    joints : sequence of str
+        Names of all joints of the robot.
+
+    Returns
+    -------
+    ReportedTable
+    """
     columns = ("effect", "joint", "constant", "value", "standard deviation", "95 % interval", "unit", "determined")
-    rows = tuple(_constant(one, joints) for one in constants)
+    rows = tuple(_constant(constant, joints) for constant in constants)
     return ReportedTable("Shape constants: inside the columns, found by search", columns, rows, numbers_from=3)
 
 
-def _constant(one: ShapeConstant, joints: Sequence[str]) -> tuple[Cell, ...]:
-    value, deviation = one.word or number(one.value, 4), "–"
-    if one.interval is not None:
-        value, deviation = estimate(one.value, one.standard_deviation)
-    judged = SHAPES_JUDGED[one.judgement]
+def _constant(constant: ShapeConstant, joints: Sequence[str]) -> tuple[Cell, ...]:
+    value, deviation = constant.word or number(constant.value, 4), "–"
+    if constant.interval is not None:
+        value, deviation = estimate(constant.value, constant.standard_deviation)
+    judgement = SHAPES_JUDGED[constant.judgement]
     return (
-        *words(effect_by_id(one.effect).title, place_text(one.joints, joints)),
-        Cell(one.name, note=one.description),
-        Cell(value, one.value),
-        Cell(deviation, one.standard_deviation if one.interval is not None else None),
-        Cell(interval_text(one), is_figures=True),
-        Cell("–" if one.unit == "-" else one.unit),
-        Cell(judged.words, mark=judged.mark, note=one.note),
+        *words(effect_by_id(constant.effect).title, place_text(constant.joints, joints)),
+        Cell(constant.name, note=constant.description),
+        Cell(value, constant.value),
+        Cell(deviation, constant.standard_deviation if constant.interval is not None else None),
+        Cell(interval_text(constant), is_figures=True),
+        Cell("–" if constant.unit == "-" else constant.unit),
+        Cell(judgement.words, mark=judgement.mark, note=constant.note),
     )
 
 
-def essential_tables(found: EssentialPath) -> Iterator[ReportedTable]:
-    """What was taken out, step by step, and what is left."""
+def essential_tables(path: EssentialPath) -> Iterator[ReportedTable]:
+    """Yield the steps of a backward elimination and the remaining parameters as tables.
+
+    Parameters
+    ----------
+    path : EssentialPath
+
+    Yields
+    ------
+    ReportedTable
+        The steps, if there are any, then the essential parameters.
+    """
     rows = tuple(
         (
-            Cell(one.name),
-            share(one.relative_deviation, 2),
-            figure(one.p_value, 2),
-            share(one.fit.relative_total),
-            share(None if one.held_out is None else one.held_out.relative_total),
+            Cell(step.name),
+            share(step.relative_deviation, 2),
+            figure(step.p_value, 2),
+            share(step.fit.relative_total),
+            share(None if step.held_out is None else step.held_out.relative_total),
         )
-        for one in found.steps
+        for step in path.steps
     )
     if rows:
         yield ReportedTable("Backward elimination", ("taken out", "relative deviation", "p", "fit", "held out"), rows)
-    yield parameter_table("Essential parameters", found.identification.parameters)
+    yield parameter_table("Essential parameters", path.identification.parameters)

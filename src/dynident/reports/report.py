@@ -1,4 +1,4 @@
-"""One self-contained HTML file that tells the whole identification."""
+"""The report of an identification as one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -42,26 +42,30 @@ def html_report(
     created: datetime | None = None,
     address: str = "",
 ) -> str:
-    """The report of an identification as one HTML file without external resources.
+    """Write the report of an identification as one HTML file without external resources.
 
     Parameters
     ----------
     identification : Identification
         With its ancestors, which are the ladder.
     runs : sequence of ReportedRun
-        Recordings to show, each with the model's prediction: those it was identified from, those held out.
+        Recordings to show, each with the model's prediction: those it was identified from and held-out ones.
     diagnosis : Diagnosis, optional
         Of this model or of the one that it was extended from.
     design : Design, optional
         The experiment that the data come from.
     validations : sequence of ReportedValidation
-        How the model's validations ended.
+        The results of the model's validations.
     title : str
         The heading; the robot's name by default.
     created : datetime, optional
         With its time zone; now by default.
     address : str
-        URL of a page on which the model is looked at, to be told with where it comes from.
+        URL of a page that shows the model, for the section on provenance.
+
+    Returns
+    -------
+    str
 
     Raises
     ------
@@ -70,8 +74,8 @@ def html_report(
     """
     if not runs:
         raise DynidentError("give at least one recording to show in the report", pointer="/measurement_ids")
-    made = created or datetime.now(UTC)
-    sections = sections_of(identification, runs, diagnosis, design, made, validations, address)
+    report_time = created or datetime.now(UTC)
+    sections = sections_of(identification, runs, diagnosis, design, report_time, validations, address)
     robot = identification.model.robot.name
     return (
         _environment()
@@ -89,14 +93,32 @@ def sections_of(
     validations: Sequence[ReportedValidation] = (),
     address: str = "",
 ) -> list[Section]:
-    """The sections in their order; diagnosis, validations and design only where there are any."""
-    learnt = [run.recording for run in runs if not run.held_out]
+    """Return the sections of a report in their order.
+
+    Those of diagnosis, validations and design are there only where these are given.
+
+    Parameters
+    ----------
+    identification : Identification
+    runs : sequence of ReportedRun
+    diagnosis : Diagnosis or None
+    design : Design or None
+    created : datetime
+    validations : sequence of ReportedValidation
+    address : str
+        URL of a page that shows the model, or "".
+
+    Returns
+    -------
+    list of Section
+    """
+    fitted_recordings = [run.recording for run in runs if not run.held_out]
     return [
         summary_section(identification, runs, diagnosis, validations),
         ladder_section(identification, diagnosis),
         errors_section(identification, runs, diagnosis),
         residuals_section(runs),
-        *([diagnosis_section(identification, diagnosis, learnt)] if diagnosis is not None else []),
+        *([diagnosis_section(identification, diagnosis, fitted_recordings)] if diagnosis is not None else []),
         *([validation_section(validations)] if validations else []),
         parameters_section(identification),
         model_section(identification),
@@ -122,6 +144,7 @@ def _filled(section: Section) -> Markup:
 def _environment() -> Environment:
     return Environment(
         loader=PackageLoader("dynident.reports"),
+        # Names of robots, joints and files are the user's and may hold markup; a misspelt variable is an error.
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -1,4 +1,4 @@
-"""What a report is told about one recording."""
+"""One recording as a report shows it."""
 
 from __future__ import annotations
 
@@ -10,10 +10,22 @@ from dynident.recordings import Check, Recording, RecordingMetadata, Revision
 
 @dataclass(frozen=True, eq=False)
 class ReportedRun:
-    """One recording, the checks it passed, and the model's prediction beside it.
+    """One recording with its checks and the model's prediction.
 
-    `held_out` is true where no parameter was fitted to it; `edits` is what was said of its file since it was uploaded,
-    `sha256` the file's own, "" where nobody knows it; `said` what was said of it when it was read, where that is known.
+    Attributes
+    ----------
+    recording : Recording
+    comparison : Comparison
+        Measured and predicted torque.
+    held_out : bool
+        True where no parameter was fitted to it.
+    checks : tuple of Check
+    edits : tuple of Revision
+        Later changes of the file's metadata, in order.
+    sha256 : str
+        Of the file, "" where it is unknown.
+    said : RecordingMetadata, optional
+        The metadata that the user stated for the file, where they are known.
     """
 
     recording: Recording
@@ -26,10 +38,10 @@ class ReportedRun:
 
     @property
     def name(self) -> str:
-        """Name of the recording."""
+        """The name of the recording."""
         return self.recording.name
 
     @property
     def role(self) -> str:
-        """What it was used for, in a word or two."""
+        """What the recording was used for, in a word or two."""
         return "held out" if self.held_out else "identification"

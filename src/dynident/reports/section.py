@@ -1,4 +1,4 @@
-"""A report is a list of sections; a section is a template and what it is filled with."""
+"""The sections of which a report consists."""
 
 from __future__ import annotations
 
@@ -8,9 +8,17 @@ from typing import Any
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """One section: `anchor` and `title` for the table of contents, `template` (a file's stem), `content` to fill it.
+    """One section of a report: a template and the content that fills it.
 
-    The template sees `content` under the name `it`.
+    Attributes
+    ----------
+    anchor : str
+        The target of links in the table of contents.
+    title : str
+    template : str
+        File name of the template without its ending.
+    content : object
+        What the template sees under the name `it`.
     """
 
     anchor: str

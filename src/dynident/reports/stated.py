@@ -1,4 +1,4 @@
-"""What is asked of a report."""
+"""The request for a report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables in words: the same on the command line, in reports, over HTTP and on the page."""
+"""Tables of text with marks and exact values, for the command line, reports, HTTP and the page."""
 
 from __future__ import annotations
 
@@ -14,9 +14,19 @@ Mark = Literal["ok", "warning", "error", "plain"]
 
 @dataclass(frozen=True)
 class Cell:
-    """What stands in one place: words, the exact value where they are of one figure, and how good the news is.
+    """One cell of a table.
 
-    `note` is what more there is to say, `is_figures` says of words that they are of several figures.
+    Attributes
+    ----------
+    text : str
+    value : float, optional
+        The exact number, where the text is of one number.
+    mark : "ok", "warning", "error", "plain" or None
+        How good the news is.
+    note : str
+        More about the cell, for those who ask.
+    is_figures : bool
+        True where the text holds several numbers.
     """
 
     text: str
@@ -28,9 +38,19 @@ class Cell:
 
 @dataclass(frozen=True)
 class ReportedTable:
-    """A title, column heads, rows as wide as these; figures from the column `numbers_from` on.
+    """A table of text.
 
-    `groups` has the heading that each row stands under, where rows stand under headings of their own.
+    Attributes
+    ----------
+    title : str
+    columns : tuple of str
+        Heads.
+    rows : tuple of tuples of Cell
+        Each as long as `columns`.
+    numbers_from : int
+        Columns from this index on hold numbers.
+    groups : tuple of str
+        The heading above each row, where the rows stand under headings; else empty.
     """
 
     title: str
@@ -40,44 +60,66 @@ class ReportedTable:
     groups: tuple[str, ...] = ()
 
     def without(self, *columns: str) -> ReportedTable:
-        """The same without some of its columns, each of them behind the first figures."""
-        kept = [k for k, column in enumerate(self.columns) if column not in columns]
-        rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
-        return replace(self, columns=tuple(self.columns[k] for k in kept), rows=rows)
+        """Return the table without some of its columns.
+
+        Parameters
+        ----------
+        columns : str
+            Heads of columns, each to the right of `numbers_from`, which is not changed.
+
+        Returns
+        -------
+        ReportedTable
+        """
+        remaining = [k for k, column in enumerate(self.columns) if column not in columns]
+        rows = tuple(tuple(row[k] for k in remaining) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[k] for k in remaining), rows=rows)
 
     def is_figures(self, column: int) -> bool:
-        """Whether a column holds figures, or intervals of them."""
+        """Return whether a column holds numbers, or intervals of them."""
         return any(row[column].value is not None or row[column].is_figures for row in self.rows)
 
     @property
     def texts(self) -> list[list[str]]:
-        """The rows in words alone."""
+        """The rows as plain texts."""
         return [[cell.text for cell in row] for row in self.rows]
 
 
 def words(*texts: str) -> list[Cell]:
-    """Cells of words."""
+    """Return a cell for each text."""
     return [Cell(text) for text in texts]
 
 
 def figure(value: float | None, digits: int = 3, unit: str = "") -> Cell:
-    """A number with its unit."""
+    """Return a cell for a number with its unit; "–" for None."""
     text = number(value, digits)
     return Cell(f"{text} {unit}" if unit and value is not None else text, value)
 
 
 def share(value: float | None, digits: int = 3) -> Cell:
-    """A share as per cent."""
+    """Return a cell for a fraction, in per cent."""
     return Cell(percent(value, digits), value)
 
 
 def shares(values: Iterable[float | None]) -> list[Cell]:
-    """Several of them."""
+    """Return a cell for each fraction, in per cent."""
     return [share(value) for value in values]
 
 
 def interval(ends: tuple[float | None, float | None] | None, absent: str = "–") -> Cell:
-    """Both ends of an interval; `absent` where there is none."""
+    """Return a cell for the ends of an interval.
+
+    Parameters
+    ----------
+    ends : (float, float) or None
+        None, or an end that is None or infinite, is no interval.
+    absent : str
+        Text where there is no interval.
+
+    Returns
+    -------
+    Cell
+    """
     if ends is None or any(end is None or not isfinite(end) for end in ends):
         return Cell(absent)
     return Cell(" to ".join(number(end) for end in ends), is_figures=True)

@@ -1,4 +1,4 @@
-"""What a report is told about one validation."""
+"""One validation as a report shows it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,19 @@ from dynident.validation import Judged
 
 @dataclass(frozen=True)
 class ReportedValidation:
-    """One validation: what was tried, how it ended and why, the figures behind it, and its kind where that is known."""
+    """The result of one validation.
+
+    Attributes
+    ----------
+    title : str
+        What was tested.
+    judged : Judged
+        The verdict and its reason.
+    tables : tuple of ReportedTable
+        The numbers behind it.
+    kind : str
+        The kind of the validation, "" where it is unknown.
+    """
 
     title: str
     judged: Judged

@@ -1,4 +1,4 @@
-"""Effects, joints and rungs in words."""
+"""Names of effects, joints and steps of the ladder as people read them."""
 
 from __future__ import annotations
 
@@ -18,23 +18,46 @@ from dynident.robot import Robot
 from dynident.robot.pointers import listed
 
 if TYPE_CHECKING:
-    # Many who need words need no diagnosis, which takes long to load.
+    # For type checkers alone: most users of this module need no diagnosis, which takes long to load.
     from dynident.diagnosis import Diagnosis
 
 _MANY_JOINTS = 8
 
 
 def place_text(joints: Sequence[str], all_joints: Sequence[str]) -> str:
-    """Joints of a robot in words."""
+    """Return the names of some joints as text.
+
+    Parameters
+    ----------
+    joints : sequence of str
+        None: the effect belongs to the whole robot.
+    all_joints : sequence of str
+        All joints of the robot.
+
+    Returns
+    -------
+    str
+    """
     if len(joints) == len(all_joints) > 1:
         return "all joints"
     return ", ".join(joints) or "the whole robot"
 
 
-def hidden_text(found: Diagnosis, robot: Robot) -> str:
-    """What the data could not have shown: each effect once, with its joints where it is not all of them."""
+def hidden_text(diagnosis: Diagnosis, robot: Robot) -> str:
+    """Return the effects that the data could not have shown: each once, with its joints where not all are meant.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    robot : Robot
+
+    Returns
+    -------
+    str
+        "" where there are none.
+    """
     joints: dict[str, set[str]] = {}
-    for item in found.not_visible:
+    for item in diagnosis.not_visible:
         joints.setdefault(item.effect, set()).update(item.joints or robot.joint_names)
     texts = []
     for effect, names in joints.items():
@@ -44,55 +67,117 @@ def hidden_text(found: Diagnosis, robot: Robot) -> str:
 
 
 def shape_text(choice: EffectChoice) -> str:
-    """Shape constants with their units; what is a choice between kinds in words."""
+    """Return the shape constants of an effect with their units; a constant that is a choice appears as its word.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+
+    Returns
+    -------
+    str
+    """
     specs = {spec.name: spec for spec in effect_by_id(choice.effect).shapes}
     return ", ".join(specs[name].told(value) for name, value in choice.shape)
 
 
 def interval_text(constant: ShapeConstant) -> str:
-    """The 95 % interval of a shape constant; "–" where no number says how sure it is."""
+    """Return the 95 % interval of a shape constant; "–" where it has none.
+
+    Parameters
+    ----------
+    constant : ShapeConstant
+
+    Returns
+    -------
+    str
+    """
     if constant.interval is None:
         return "–"
     return " to ".join(estimate(end, constant.standard_deviation)[0] for end in constant.interval)
 
 
 def standing_text(shares: FloatArray) -> str:
-    """Shares (n,) of time that joints stand, in the robot's order, in per cent; of many joints the least and most."""
+    """Return the shares of time in which joints stand still, in per cent; of many joints the least and the largest.
+
+    Parameters
+    ----------
+    shares : (n,) array
+        Fractions, in the robot's order of joints.
+
+    Returns
+    -------
+    str
+    """
     if len(shares) > _MANY_JOINTS:
         return f"{100 * shares.min():.0f} to {100 * shares.max():.0f} %"
     return f"{', '.join(f'{100 * share:.0f}' for share in shares)} %"
 
 
 def title_of(identifier: str) -> str:
-    """An effect's title; its id in words where the catalogue does not hold it.
+    """Return an effect's title, or its id in words where it is not in the catalogue.
 
-    What is equivalent to a finding need not be in the catalogue: some effects are the same function.
+    An effect that is equivalent to a finding need not be in the catalogue: some effects are the same function.
+
+    Parameters
+    ----------
+    identifier : str
+        The effect's id.
+
+    Returns
+    -------
+    str
     """
     return CATALOGUE[identifier].title if identifier in CATALOGUE else identifier.replace("_", " ")
 
 
-def rung_mark(found: BestRung | None, index: int, count: int) -> str:
-    """What a rung of a ladder of so many models is on held-out data; "" where there is nothing to choose."""
-    if found is None or count < 2:
+def rung_mark(best_rung: BestRung | None, index: int, count: int) -> str:
+    """Return the mark of one step of a ladder on held-out data: best, or with an error that rises again.
+
+    Parameters
+    ----------
+    best_rung : BestRung or None
+    index : int
+        Of the step, from 0.
+    count : int
+        Steps of the ladder.
+
+    Returns
+    -------
+    str
+        "" where there is nothing to choose from.
+    """
+    if best_rung is None or count < 2:
         return ""
-    return "✓ best" if index == found.best else "↑ rises" if index in found.rises else ""
+    return "✓ best" if index == best_rung.best else "↑ rises" if index in best_rung.rises else ""
 
 
-def best_rung_text(found: BestRung | None, count: int) -> str:
-    """Which model of a ladder predicts held-out data best, in a sentence; "" where there is nothing to choose."""
-    if found is None or count < 2:
+def best_rung_text(best_rung: BestRung | None, count: int) -> str:
+    """Return the sentence that says which model of a ladder predicts held-out data best.
+
+    Parameters
+    ----------
+    best_rung : BestRung or None
+    count : int
+        Models of the ladder.
+
+    Returns
+    -------
+    str
+        "" where there is nothing to choose from.
+    """
+    if best_rung is None or count < 2:
         return ""
-    best = f"Model {found.best + 1} predicts held-out data best"
-    if not found.rises:
+    best = f"Model {best_rung.best + 1} predicts held-out data best"
+    if not best_rung.rises:
         return f"{best}."
-    return (
-        f"{best}; from model {found.rises[0] + 1} on the held-out error is larger: what was added there does not help."
-    )
+    rise = best_rung.rises[0] + 1
+    return f"{best}; from model {rise} on the held-out error is larger: what was added there does not help."
 
 
 @dataclass(frozen=True)
 class Marked:
-    """Words, and whether they are good news: the class of a mark."""
+    """Words with a mark that says whether they are good news."""
 
     words: str
     mark: Mark
@@ -105,7 +190,7 @@ JUDGED: Mapping[ParameterJudgement, Marked] = MappingProxyType(
         "zero_in_interval": Marked("0 in interval", "plain"),
     }
 )
-"""What the interval says of a parameter."""
+"""Words and mark for the judgement of a parameter by its interval."""
 
 
 SHAPES_JUDGED: Mapping[ShapeJudgement, Marked] = MappingProxyType(
@@ -119,4 +204,4 @@ SHAPES_JUDGED: Mapping[ShapeJudgement, Marked] = MappingProxyType(
         "not_looked_at": Marked("not looked at", "plain"),
     }
 )
-"""What the data say of a shape constant."""
+"""Words and mark for the judgement of a shape constant."""

@@ -1,4 +1,4 @@
-"""What a machine is: joints on a tree, limits, drive chains; from URDF, MJCF or a modified Denavit-Hartenberg table."""
+"""Robots: joints on a tree, limits, drive chains; read from URDF, MJCF or a modified Denavit-Hartenberg table."""
 
 from __future__ import annotations
 
@@ -45,5 +45,5 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    # Requests are declared in this package, too. Loading names lazily lets code that only reads requests start fast.
     __getattr__ = lazily(__name__)

@@ -1,4 +1,4 @@
-"""Meshes in DAE (COLLADA 1.4 and 1.5): the triangles of its scene, in metres."""
+"""Read the triangles of a scene in a DAE file (COLLADA 1.4 and 1.5), in metres."""
 
 from __future__ import annotations
 
@@ -21,10 +21,21 @@ _PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 
 
 def triangles_of_dae(content: bytes) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Points (m, 3) in m and triangles (k, 3) of all geometries of the scene, where its nodes place them.
+    """Return all triangles of the scene, each geometry placed where the scene's nodes put it.
 
-    The direction that a file calls up is not looked at, as with other readers of robots' meshes: a link's axes are
-    those of its mesh.
+    The `up_axis` of the file is ignored, as by other readers of robot meshes: a link's axes are those of its mesh.
+
+    Parameters
+    ----------
+    content : bytes
+        The whole file.
+
+    Returns
+    -------
+    points : ndarray (m, 3)
+        Corners in m.
+    triangles : ndarray (k, 3)
+        Indices of corners.
 
     Raises
     ------
@@ -36,6 +47,7 @@ def triangles_of_dae(content: bytes) -> tuple[FloatArray, NDArray[np.intp]]:
         root = ElementTree.fromstring(content)
     except ElementTree.ParseError as error:
         raise ValueError(f"it is no DAE: {error}") from None
+    # COLLADA 1.4 and 1.5 differ in their namespace, and nothing here depends on it: drop it from every tag.
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
     scene = _Scene(root)
@@ -47,6 +59,7 @@ def triangles_of_dae(content: bytes) -> tuple[FloatArray, NDArray[np.intp]]:
         points.append(own_points @ placement[:3, :3].T + placement[:3, 3])
         triangles.append(own_triangles + corners)
         corners += len(own_points)
+        # A small file can instance one geometry many times. Checking here bounds the memory that it can claim.
         if corners > _MOST_CORNERS or count > _MOST_INSTANCES:
             raise ValueError(f"its scene has more than {_MOST_INSTANCES} parts, or {_MOST_CORNERS} corners")
     if not points:
@@ -86,7 +99,7 @@ def _check(content: bytes) -> None:
 
 
 class _Scene:
-    """The elements of a file by their names, and what of them stands in its scene."""
+    """The elements of a file by their ids, and the geometries that its scene places."""
 
     def __init__(self, root: Element) -> None:
         self._root = root
@@ -99,11 +112,13 @@ class _Scene:
             raise ValueError("its unit is no length")
 
     def instances(self) -> Iterator[tuple[FloatArray, Element]]:
-        """Where the geometries of the scene stand (4, 4); without a scene all stand at the origin."""
+        """Yield the placement (4, 4) and element of each geometry; without a scene all are at the origin."""
         begin = self._root.find("scene/instance_visual_scene")
         if begin is None:
             yield from ((np.eye(4), geometry) for geometry in self._root.iter("geometry"))
             return
+        # Walk the tree of nodes with a stack of our own: recursion would follow a cycle of instances to the end of
+        # Python's stack, while the limits on depth and count stop it here.
         waiting = [(self._target(begin, "url", "visual_scene"), np.eye(4), 0)]
         count = 0
         while waiting:
@@ -122,7 +137,7 @@ class _Scene:
                     yield placement, self._target(child, "url", "geometry")
 
     def triangles(self, geometry: Element) -> tuple[FloatArray, NDArray[np.intp]]:
-        """Points and triangles of a geometry, in its own coordinates."""
+        """Return points and triangles of a geometry in its own coordinates; each geometry is read once."""
         name = geometry.attrib.get("id", "")
         if name not in self._read:
             parts = [
@@ -135,30 +150,34 @@ class _Scene:
             self._read[name] = (
                 np.concatenate([np.empty((0, 3)), *(points for points, _ in parts)]),
                 np.concatenate(
-                    [np.empty((0, 3), np.intp), *(own + at for (_, own), at in zip(parts, sizes, strict=False))]
+                    [
+                        np.empty((0, 3), np.intp),
+                        *(corners + first_corner for (_, corners), first_corner in zip(parts, sizes, strict=False)),
+                    ]
                 ),
             )
         return self._read[name]
 
     def _primitive(self, element: Element) -> tuple[FloatArray, NDArray[np.intp]]:
         inputs = element.findall("input")
-        own = next((one for one in inputs if one.attrib.get("semantic") == "VERTEX"), None)
-        if own is None:
+        vertex_input = next((candidate for candidate in inputs if candidate.attrib.get("semantic") == "VERTEX"), None)
+        if vertex_input is None:
             raise ValueError(f"its <{element.tag}> names no corners")
-        offsets = [int(_integers(one.attrib.get("offset", "0"))[0]) for one in inputs]
-        width, offset = max(offsets) + 1, offsets[inputs.index(own)]
+        # All inputs of a primitive share one list of indices: each corner takes `width` numbers, one for every offset.
+        offsets = [int(_integers(entry.attrib.get("offset", "0"))[0]) for entry in inputs]
+        width, offset = max(offsets) + 1, offsets[inputs.index(vertex_input)]
         if not 0 <= offset < width <= len(inputs) + 16:
             raise ValueError(f"its <{element.tag}> has an input with the offset {max(offsets)}")
-        points = self._positions(own)
-        lists = [_integers(one.text or "")[offset::width] for one in element.findall("p")]
+        points = self._positions(vertex_input)
+        lists = [_integers(index_list.text or "")[offset::width] for index_list in element.findall("p")]
         triangles = _triangles(element, lists)
         if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(points)):
             raise ValueError(f"its <{element.tag}> names corner {int(triangles.max())} of {len(points)}")
         return points, triangles
 
-    def _positions(self, own: Element) -> FloatArray:
-        vertices = self._target(own, "source", "vertices")
-        position = next((one for one in vertices if one.attrib.get("semantic") == "POSITION"), None)
+    def _positions(self, vertex_input: Element) -> FloatArray:
+        vertices = self._target(vertex_input, "source", "vertices")
+        position = next((candidate for candidate in vertices if candidate.attrib.get("semantic") == "POSITION"), None)
         if position is None:
             raise ValueError("its corners have no positions")
         source = self._target(position, "source", "source")
@@ -174,7 +193,7 @@ class _Scene:
         return numbers[first : first + count * stride].reshape(count, stride)[:, :3]
 
     def _target(self, element: Element, attribute: str, tag: str) -> Element:
-        """What stands in this file under the name that an element refers to."""
+        """Return the element of this file that another element refers to by its id."""
         name = element.attrib.get(attribute, "")
         target = self._named.get(name[1:]) if name.startswith("#") else None
         if target is None or target.tag != tag:
@@ -183,10 +202,10 @@ class _Scene:
 
 
 def _triangles(element: Element, lists: list[NDArray[np.intp]]) -> NDArray[np.intp]:
-    """Triangles (k, 3) of the corners that the <p> of a primitive list."""
+    """Return the triangles (k, 3) of the corners that the <p> elements of a primitive list."""
     empty = np.empty((0, 3), dtype=np.intp)
     if element.tag == "triangles":
-        return np.concatenate([empty, *(one[: len(one) // 3 * 3].reshape(-1, 3) for one in lists)])
+        return np.concatenate([empty, *(indices[: len(indices) // 3 * 3].reshape(-1, 3) for indices in lists)])
     if element.tag == "polylist":
         counts = _integers(element.findtext("vcount") or "")
         corners = np.concatenate([np.empty(0, np.intp), *lists])
@@ -194,16 +213,17 @@ def _triangles(element: Element, lists: list[NDArray[np.intp]]) -> NDArray[np.in
             raise ValueError("its <polylist> has not as many corners as its <vcount> says")
         lists = np.split(corners, np.cumsum(counts)[:-1]) if len(counts) else []
     if element.tag == "tristrips":
-        strips = [np.column_stack([one[:-2], one[1:-1], one[2:]]) for one in lists if len(one) > 2]
+        strips = [np.column_stack([strip[:-2], strip[1:-1], strip[2:]]) for strip in lists if len(strip) > 2]
+        # Every second triangle of a strip runs the other way round; turn it, so that all normals agree.
         for strip in strips:
             strip[1::2] = strip[1::2, ::-1]
         return np.concatenate([empty, *strips])
-    fans = [np.column_stack([np.full(len(one) - 2, one[0]), one[1:-1], one[2:]]) for one in lists if len(one) > 2]
+    fans = [np.column_stack([np.full(len(fan) - 2, fan[0]), fan[1:-1], fan[2:]]) for fan in lists if len(fan) > 2]
     return np.concatenate([empty, *fans])
 
 
 def _transform(element: Element) -> FloatArray:
-    """The transform (4, 4) of a <matrix>, <translate>, <rotate> or <scale>; of others the identity."""
+    """Return the transform (4, 4) of a <matrix>, <translate>, <rotate> or <scale>; of others the identity."""
     transform = np.eye(4)
     sizes = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
     if element.tag not in sizes:
@@ -218,6 +238,7 @@ def _transform(element: Element) -> FloatArray:
     elif element.tag == "scale":
         transform[:3, :3] = np.diag(values)
     else:
+        # Rodrigues' formula. An axis of length zero gives the identity, not a division by zero.
         axis, angle = values[:3] / max(float(np.linalg.norm(values[:3])), 1e-300), np.radians(values[3])
         cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
         transform[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross

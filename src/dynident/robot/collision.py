@@ -1,4 +1,4 @@
-"""What of a robot can be touched: the collision geometry of its description, fixed to the frames of its joints."""
+"""Collision geometry of a robot's description, in the frames of its joints."""
 
 from __future__ import annotations
 
@@ -24,18 +24,27 @@ from dynident.robot.urdf_xml import parse
 from dynident.robot.xml_text import Element
 
 BASE = -1
-"""The joint of what does not move."""
+"""Index that stands for the base, which no joint moves."""
 UNCHECKED = "COLLISION IS NOT CHECKED"
-"""How a note begins that says so of a link whose shape could not be read."""
+"""Beginning of the note on links whose shapes could not be read."""
 _SHOWN = 3
-"""Meshes that could not be read: the first ones tell why."""
+"""Number of unreadable meshes that a note names; the reason is mostly the same for all."""
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """All that moves with one joint (`BASE`: nothing moves it), as shapes in that joint's frame.
+    """Everything that moves with one joint, as shapes in that joint's frame.
 
-    `surfaces` are those of its meshes as they are; in `shapes` these are convex pieces.
+    Attributes
+    ----------
+    name : str
+        Name of the link.
+    joint : int
+        Index of the joint in the robot's tree; `BASE` for the base.
+    shapes : tuple of Shape
+        Convex shapes; a mesh is cut into convex pieces.
+    surfaces : tuple of Surface
+        The meshes as they are.
     """
 
     name: str
@@ -46,7 +55,17 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class CollisionGeometry:
-    """Bodies that have shapes, the base first; `bare` are moving bodies without any, `notes` say what is missing."""
+    """Collision geometry of a robot.
+
+    Attributes
+    ----------
+    bodies : tuple of Body
+        Bodies that have shapes, the base first.
+    bare : tuple of str
+        Names of moving bodies without any shape.
+    notes : tuple of str
+        What could not be read, or stands for missing geometry, in sentences.
+    """
 
     bodies: tuple[Body, ...]
     bare: tuple[str, ...]
@@ -56,10 +75,10 @@ class CollisionGeometry:
 def collision_geometry(
     robot: Robot, *, mesh_folders: Sequence[Path] = (), link_radius: float | None = None
 ) -> CollisionGeometry:
-    """The collision geometry of a robot's description; its joints are those of the robot's tree.
+    """Return the collision geometry of a robot's description, in the frames of the joints of the robot's tree.
 
-    A URDF has it in <collision>: boxes, cylinders, spheres, capsules, and meshes, which count by the convex hulls of a
-    few slices. A modified Denavit-Hartenberg table has it in `capsules`. The shapes of an MJCF are not read.
+    In a URDF it is in <collision>: boxes, cylinders, spheres, capsules, and meshes, of which the convex hulls of a few
+    slices count. In a modified Denavit-Hartenberg table it is in `capsules`. The shapes of an MJCF are not read.
 
     Parameters
     ----------
@@ -68,6 +87,10 @@ def collision_geometry(
         Where the files of meshes are looked for.
     link_radius : float, optional
         Links without geometry become capsules of this radius (m) from their joint's origin to those of the next.
+
+    Returns
+    -------
+    CollisionGeometry
 
     Raises
     ------
@@ -79,11 +102,11 @@ def collision_geometry(
     surfaces: dict[int, list[Surface]] = {index: [] for index in range(BASE, robot.n)}
     names = {BASE: "base"}
     unread: list[str] = []
-    for link, joint, found in _described(robot, mesh_folders, unread):
-        if joint == BASE and link and found.shapes and not shapes[BASE]:
+    for link, joint, parts in _described(robot, mesh_folders, unread):
+        if joint == BASE and link and parts.shapes and not shapes[BASE]:
             names[BASE] = link
-        shapes[joint].extend(found.shapes)
-        surfaces[joint].extend(found.surfaces)
+        shapes[joint].extend(parts.shapes)
+        surfaces[joint].extend(parts.surfaces)
     names |= {index: joint.link or joint.name for index, joint in enumerate(robot.joints)}
     notes = [_unchecked_note(unread, mesh_folders)] if unread else []
     bare = [index for index in range(robot.n) if not shapes[index]]
@@ -96,20 +119,32 @@ def collision_geometry(
         )
         bare = []
     bodies = tuple(
-        Body(names[index], index, tuple(found), tuple(surfaces[index]))
-        for index, found in sorted(shapes.items())
-        if found
+        Body(names[index], index, tuple(body_shapes), tuple(surfaces[index]))
+        for index, body_shapes in sorted(shapes.items())
+        if body_shapes
     )
     return CollisionGeometry(bodies, tuple(names[index] for index in bare), tuple(notes))
 
 
 def collision_meshes(robot: Robot) -> dict[str, tuple[str, ...]]:
-    """The meshes that a robot's description names for collisions, in its order, each with the links it is of."""
+    """Return the collision meshes that a robot's description names, in its order, each with the links that use it."""
     return mesh_names(parse(robot.description.content)) if robot.description.format == "urdf" else {}
 
 
 def mesh_folders_above(robot: Robot, file: Path) -> tuple[Path, ...]:
-    """Find the folders above a description's file, or of the ROS environment, that hold any of its collision meshes."""
+    """Return the folders above a description's file, or of the ROS environment, that hold any collision mesh of it.
+
+    Parameters
+    ----------
+    robot : Robot
+    file : Path
+        The description's file.
+
+    Returns
+    -------
+    tuple of Path
+        Nearest first, none twice.
+    """
     folders = package_folders(file)
     return tuple(
         dict.fromkeys(
@@ -119,7 +154,7 @@ def mesh_folders_above(robot: Robot, file: Path) -> tuple[Path, ...]:
 
 
 def _described(robot: Robot, mesh_folders: Sequence[Path], unread: list[str]) -> Iterator[tuple[str, int, LinkParts]]:
-    """The links of a description, the joints that carry them and their shapes; of an MJCF none is read."""
+    """Yield the name, joint and shapes of every link of a description; none for an MJCF."""
     if robot.description.format == "urdf":
         yield from _of_urdf(robot, mesh_folders, unread)
     elif robot.description.format == "modified_dh":
@@ -145,18 +180,20 @@ def _of_urdf(robot: Robot, mesh_folders: Sequence[Path], unread: list[str]) -> I
 
 
 def _unchecked_note(unread: Sequence[str], mesh_folders: Sequence[Path]) -> str:
-    """Which meshes do not count, and what would let them count."""
+    """Return a sentence on the meshes that could not be read and on what to do about it."""
     cure = "" if mesh_folders else " Name the folders of the meshes (mesh_folders, --meshes FOLDER)."
     rest = f"; and {len(unread) - _SHOWN} more" if len(unread) > _SHOWN else ""
     return f"{UNCHECKED} for {len(unread)} meshes that could not be read: {'; '.join(unread[:_SHOWN])}{rest}.{cure}"
 
 
 def _places(robot: Robot, root: Element) -> dict[str, tuple[int, FloatArray]]:
-    """Of every link of a URDF the moving joint that carries it, and its placement (4, 4) in that joint's frame."""
+    """Return for every link of a URDF the moving joint that carries it and its placement (4, 4) in its frame."""
     joints = list(root.all("joint"))
     child_of = {joint.attributes["name"]: _end(joint, "child") for joint in joints}
     roots = {link.attributes["name"] for link in root.all("link")} - set(child_of.values())
     places: dict[str, tuple[int, FloatArray]] = {name: (BASE, np.eye(4)) for name in roots}
+    # Joints of a URDF stand in any order. Those whose parent link has no place yet wait for the next round; the text
+    # was checked to be a tree when the robot was read, so every round places at least one link.
     waiting = joints
     while waiting:
         later = []
@@ -169,6 +206,7 @@ def _places(robot: Robot, root: Element) -> dict[str, tuple[int, FloatArray]]:
             if name in robot.joint_names:
                 places[child_of[name]] = (robot.joint_names.index(name), np.eye(4))
             else:
+                # Fixed and locked joints are not in the robot: their link belongs to the moving joint before.
                 fixed = (
                     parent[1] @ origin_of(joint, f"joint '{name}'") @ _held(joint, robot.locked_joints.get(name, 0.0))
                 )
@@ -178,11 +216,11 @@ def _places(robot: Robot, root: Element) -> dict[str, tuple[int, FloatArray]]:
 
 
 def _held(joint: Element, value: float) -> FloatArray:
-    """The transform (4, 4) behind the placement of a joint that is held at a position."""
+    """Return the transform (4, 4) that a joint held at a position adds behind its placement."""
     if value == 0.0:
         return np.eye(4)
     axis_element = joint.first("axis")
-    axis = np.array([1.0, 0.0, 0.0])
+    axis = np.array([1.0, 0.0, 0.0])  # the default of URDF
     if axis_element is not None:
         axis = np.array([float(word) for word in axis_element.attributes["xyz"].split()])
     kind: JointKind = "prismatic" if joint.attributes["type"] == "prismatic" else "revolute"

@@ -1,4 +1,4 @@
-"""Cut joints: two frames of a tree that coincide, and how far they are apart as an expression of its positions."""
+"""Cut joints: two frames of a tree that must coincide, and the gap between them as an expression of positions."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from dynident.robot.model import Joint
 
 LoopKind = Literal["planar", "point", "full"]
 EQUATIONS = {"planar": 2, "point": 3, "full": 6}
-"""How many equations a loop of each kind has."""
+"""Number of equations of a loop of each kind."""
 
 
 @dataclass(frozen=True, eq=False)
 class End:
-    """One side of a cut joint: the joint of the tree that carries it (-1: the base), and its frame (4, 4) there."""
+    """One side of a cut joint: the joint of the tree that carries it (-1: the base), and its frame (4, 4) there (m)."""
 
     joint: int
     frame: FloatArray
@@ -27,10 +27,19 @@ class End:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """Two frames that coincide: wholly, in their origins (a ball joint), or in the xy plane of the first (a pin).
+    """A closed loop: two frames that coincide wherever the machine moves.
 
-    `equations` are those of its kind that count, all of them by default; `where`, `line` its place in the description,
-    for messages.
+    Attributes
+    ----------
+    name : str
+    kind : {"planar", "point", "full"}
+        Which part of the frames coincides: the origins in the xy plane of the first frame (a pin), the origins (a ball
+        joint), or the whole frames.
+    ends : tuple of End
+    where, line
+        Place in the description, for messages.
+    equations : tuple of int, optional
+        Those of its kind's equations that count; all of them by default.
     """
 
     name: str
@@ -47,36 +56,50 @@ class Loop:
 
 
 def sparse(matrix: FloatArray) -> ca.SX:
-    """A matrix as constants, without its zeros."""
+    """Return a matrix as constants without its zeros, so that no instruction multiplies by them."""
     return ca.sparsify(ca.SX(ca.DM(matrix)))
 
 
 def gap_of(loop: Loop, joints: Sequence[Joint], q: ca.SX) -> ca.SX:
-    """How far the two frames of a loop are apart, SX (equations, 1): m, and rad where they coincide wholly.
+    """Return the gap between the two frames of a loop as an expression of the tree's positions.
 
-    Both are seen from the last joint that carries them both, whose motion closes or opens nothing. A plane that is
-    fixed there is not turned with the first frame.
+    Parameters
+    ----------
+    loop : Loop
+    joints : sequence of Joint
+        Those of the tree.
+    q : SX (N, 1)
+        Their positions.
+
+    Returns
+    -------
+    SX (equations, 1)
+        In m, and in rad for the rotation of whole frames.
     """
+    # Look at both frames from the last joint that carries both: the joints before it move the two ends alike, so they
+    # neither open nor close the loop and would only lengthen the expressions.
     chains = [_carriers(joints, end.joint) for end in loop.ends]
     shared = len([a for a, b in zip(*chains, strict=False) if a == b])
     (turned, first), (other, second) = (
         _frame_of(joints, chain[shared:], end.frame, q) for chain, end in zip(chains, loop.ends, strict=True)
     )
-    apart = second - first
+    distance = second - first
     if loop.kind == "planar":
+        # Where the normal is constant, two fixed directions across it span the plane as well as the turning frame does.
         plane = ca.SX(ca.DM(_across(turned[:, 2]))) if turned[:, 2].is_constant() else turned[:, :2].T
-        whole = ca.mtimes(ca.sparsify(plane), apart)
+        whole = ca.mtimes(ca.sparsify(plane), distance)
     elif loop.kind == "point":
-        whole = apart
+        whole = distance
     else:
+        # The antisymmetric part of the relative rotation vanishes with the rotation, and near zero it is its vector.
         between = ca.mtimes(turned.T, other)
         twist = 0.5 * (between - between.T)
-        whole = ca.vertcat(apart, twist[2, 1], twist[0, 2], twist[1, 0])
+        whole = ca.vertcat(distance, twist[2, 1], twist[0, 2], twist[1, 0])
     return whole if loop.equations is None else whole[list(loop.equations)]
 
 
 def _across(normal: ca.SX) -> FloatArray:
-    """Two unit vectors (2, 3) across a constant one."""
+    """Return two unit vectors (2, 3) at right angles to a constant one and to each other."""
     axis = np.asarray(ca.DM(normal)).ravel()
     first = np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis)
     first /= np.linalg.norm(first)
@@ -84,7 +107,7 @@ def _across(normal: ca.SX) -> FloatArray:
 
 
 def _carriers(joints: Sequence[Joint], joint: int) -> list[int]:
-    """Joints that move a frame, the base's first."""
+    """Return the joints that move a frame, from the base outward."""
     chain = []
     while joint >= 0:
         chain.append(joint)
@@ -93,7 +116,7 @@ def _carriers(joints: Sequence[Joint], joint: int) -> list[int]:
 
 
 def _frame_of(joints: Sequence[Joint], chain: Sequence[int], frame: FloatArray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Rotation (3, 3) and origin (3, 1) of a frame at the end of a chain of joints, from where the chain starts."""
+    """Return rotation (3, 3) and origin (3, 1) of a frame at the end of a chain of joints, seen from its start."""
     rotation, origin = ca.SX.eye(3), ca.SX(3, 1)
     for index in chain:
         joint = joints[index]

@@ -1,4 +1,4 @@
-"""Reads the closed loops of a robot document: two frames that coincide where the loop was cut open.
+"""Read the closed loops of a robot document: two frames that coincide where the loop was cut open.
 
 A list of objects::
 
@@ -29,7 +29,18 @@ _BASE = "base"
 
 
 def loops_from(value: object, tree: Robot, at: str, title: str) -> tuple[Loop, ...]:
-    """The loops of a document, between joints of the tree.
+    """Return the loops of a document, between joints of the tree.
+
+    Parameters
+    ----------
+    value : object
+        JSON value of the field `loops`.
+    tree : Robot
+        The tree that is left when all loops are cut open.
+    at : str
+        JSON pointer to the field.
+    title : str
+        Title of errors.
 
     Raises
     ------
@@ -51,7 +62,7 @@ def _loop(item: object, index: int, tree: Robot, at: str, title: str) -> Loop:
     between = fields.get("between")
     if not isinstance(between, (list, tuple)) or len(between) != 2:
         raise DynidentError("Expected the two frames that coincide.", pointer=f"{at}/between", title=title)
-    first, second = (_end(one, tree, f"{at}/between/{k}", title) for k, one in enumerate(between))
+    first, second = (_end(fields_of_end, tree, f"{at}/between/{k}", title) for k, fields_of_end in enumerate(between))
     if first.joint == second.joint:
         detail = f"Both frames of loop '{name}' are on the same body, so they cannot close anything."
         raise DynidentError(detail, pointer=f"{at}/between", title=title)

@@ -1,4 +1,4 @@
-"""One door for every kind of description."""
+"""Read a robot from a description in any of the supported formats."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def robot_from_description(
     locked_joints: Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
 ) -> Robot:
-    """Return the robot that a description and what is stated beside it give.
+    """Return the robot of a description, with settings that override or complete it.
 
     Parameters
     ----------
@@ -65,6 +65,10 @@ def robot_from_description(
         These joints no longer move; their links become part of the link before.
     gravity : (x, y, z), optional
         Acceleration of gravity in the base frame (m/s²); else the description's, else (0, 0, -9.81).
+
+    Returns
+    -------
+    Robot
 
     Raises
     ------

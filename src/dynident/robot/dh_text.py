@@ -54,7 +54,7 @@ _COMMENT = ("#", "%", "//")
 
 
 class PastedRow(TypedDict):
-    """A joint as `robot_from_modified_dh` takes it: rad, m, and 1 as `sigma` where it slides."""
+    """A joint's row for `robot_from_modified_dh`: rad, m, and `sigma` = 1 for a prismatic joint."""
 
     name: NotRequired[str]
     alpha: float
@@ -65,7 +65,7 @@ class PastedRow(TypedDict):
 
 
 class PastedTable(TypedDict):
-    """A table as `robot_from_modified_dh` takes it."""
+    """A table for `robot_from_modified_dh`."""
 
     joints: list[PastedRow]
 
@@ -88,14 +88,28 @@ def robot_from_dh_text(
     gravity: Sequence[float] | None = None,
     pointer: str = "",
 ) -> Robot:
-    """Return the robot of a pasted table; its description is then the modified table of the same machine as JSON.
+    """Return the robot of a table pasted as text.
 
-    The other arguments are those of `robot_from_urdf`. Such a table says nothing of masses and limits.
+    The robot's description becomes the modified table of the same machine as JSON. Such a table has no masses and no
+    limits.
+
+    Parameters
+    ----------
+    name : str
+        Name of the robot.
+    text : str
+        The table; the module's docstring shows its form.
+    limits, drives, locked_joints, gravity, pointer
+        As for `robot_from_urdf`.
+
+    Returns
+    -------
+    Robot
 
     Raises
     ------
     DynidentError
-        With the line that cannot be read, or where the convention is not said.
+        With the number of a line that cannot be read, or if the text does not name its convention.
     """
     return robot_from_modified_dh(
         name,
@@ -109,7 +123,7 @@ def robot_from_dh_text(
 
 
 def table_from_text(text: str, pointer: str = "") -> PastedTable:
-    """The modified table, as `robot_from_modified_dh` takes it, of a pasted one.
+    """Return the modified table, as `robot_from_modified_dh` takes it, of a pasted one.
 
     Raises
     ------
@@ -117,7 +131,7 @@ def table_from_text(text: str, pointer: str = "") -> PastedTable:
         As `robot_from_dh_text`.
     """
     convention, lines = _read(text, pointer)
-    head = next((one for one in lines if _is_head(one)), None)
+    head = next((line for line in lines if _is_head(line)), None)
     if head is None:
         raise _error("the table has no line with the names of its columns, such as: a alpha d theta.", None, pointer)
     places, degrees, implied = _columns(head, pointer)
@@ -131,14 +145,16 @@ def table_from_text(text: str, pointer: str = "") -> PastedTable:
             pointer,
         )
     length, offset = ("d", "r") if convention == "khalil" else ("a", "d")
-    for wanted in ("alpha", length, "theta", offset):
-        if wanted not in places:
-            raise _error(f"there is no column {wanted}.", head.number, pointer)
-    rows = [one for one in lines if one.number > head.number]
+    for required_column in ("alpha", length, "theta", offset):
+        if required_column not in places:
+            raise _error(f"there is no column {required_column}.", head.number, pointer)
+    rows = [line for line in lines if line.number > head.number]
     if not rows:
         raise _error("the table has no rows.", head.number, pointer)
-    read = [_row(one, places, degrees, length, offset, pointer) for one in rows]
+    read = [_row(line, places, degrees, length, offset, pointer) for line in rows]
     if convention == "classical":
+        # The classical transform ends with Trans(x, a) Rot(x, α), the modified one begins with them: moving a and α one
+        # row down turns one into the other. The last row's move the tool alone and no joint, so they are dropped.
         before = [(0.0, 0.0), *((row["alpha"], row["d"]) for row in read)]
         read = [row | {"alpha": alpha, "d": a} for row, (alpha, a) in zip(read, before, strict=False)]
     return {"joints": read}
@@ -150,9 +166,13 @@ def _read(text: str, pointer: str) -> tuple[Convention | None, list[_Line]]:
     for number, raw in enumerate(text.splitlines(), start=1):
         line = raw.strip()
         words = re.findall(r"[a-zA-Z]+", line.casefold())
-        said = next((_CONVENTIONS[word] for word in words if word in _CONVENTIONS), None)
-        convention = convention or said
-        if not line or line.startswith(_COMMENT) or (said is not None and not re.search(r"\d|alpha|α", line)):
+        line_convention = next((_CONVENTIONS[word] for word in words if word in _CONVENTIONS), None)
+        convention = convention or line_convention
+        if (
+            not line
+            or line.startswith(_COMMENT)
+            or (line_convention is not None and not re.search(r"\d|alpha|α", line))
+        ):
             continue
         if set(line) <= set("|-:+= \t"):
             continue  # the rule below a head
@@ -176,7 +196,7 @@ def _is_head(line: _Line) -> bool:
 
 
 def _named(cell: str) -> tuple[str | None, bool, bool]:
-    """The column that a cell of the head names, whether it is in degrees, and whether its index is the one before."""
+    """Return the column that a cell of the head names, whether it is in degrees, and whether its index is j - 1."""
     plain = cell.casefold().strip(" $\\")
     degrees = bool(re.search(r"deg|°", plain))
     before = bool(re.search(r"[ij]\s*[-−]\s*1", plain))
@@ -197,6 +217,7 @@ def _columns(head: _Line, pointer: str) -> tuple[dict[str, int], set[str], Conve
         places[column] = place
         if in_degrees:
             degrees.add(column)
+        # Only the modified convention writes a and α with the index j - 1, only Khalil's has r and no a.
         if before and column in ("a", "alpha"):
             implied = "modified"
     if "r" in places and "a" not in places:
@@ -207,7 +228,7 @@ def _columns(head: _Line, pointer: str) -> tuple[dict[str, int], set[str], Conve
 def _row(
     line: _Line, places: Mapping[str, int], degrees: set[str], length: str, offset: str, pointer: str
 ) -> PastedRow:
-    """A row in the words of Khalil and Kleinfinger, α and d of its own line."""
+    """Return a row in the notation of Khalil and Kleinfinger, with α and d of its own line."""
     if len(line.cells) <= max(places.values()):
         raise _error(f"{len(line.cells)} cells, and the columns need {max(places.values()) + 1}.", line.number, pointer)
 
@@ -226,7 +247,7 @@ def _row(
 
 
 def _number(cell: str, line: _Line, column: str, pointer: str, *, degrees: bool) -> tuple[float, bool]:
-    """The constant of a cell, and whether it has the joint variable in it."""
+    """Return the constant of a cell in rad or m, and whether the cell has the joint variable in it."""
     text = cell.strip().strip("$").replace("−", "-").replace("\\", "").casefold()
     variable = _VARIABLE.search(text) if column in ("theta", "d", "r") else None
     if variable is not None:
@@ -242,6 +263,7 @@ def _number(cell: str, line: _Line, column: str, pointer: str, *, degrees: bool)
         raise _error(
             f"{column} is '{cell}'; expected a number, pi/2, 90°, or q2 + pi/2.", line.number, pointer
         ) from error
+    # No table has constants beyond a full turn: 90 without a unit means degrees, and guessing would hide the mistake.
     if not in_degrees and column in ("alpha", "theta") and abs(value) > 2.0 * math.pi + 1e-6:
         raise _error(
             f"{column} is {value:g}, more than a turn in rad: write the column as {column}[deg].", line.number, pointer

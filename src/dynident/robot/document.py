@@ -1,4 +1,4 @@
-"""A robot as JSON values, and back: what a stored model carries with it."""
+"""Convert a robot to JSON values and back, as stored models need it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dynident.robot.stated import Drive, Limits
 
 
 class DescriptionDocument(TypedDict):
-    """The text that a robot was made from, and its format."""
+    """The text that a robot was read from, and its format."""
 
     format: DescriptionFormat
     content: str
@@ -41,7 +41,7 @@ class DriveDocument(TypedDict):
 
 
 class RobotDocument(TypedDict):
-    """A robot; limits and drives by the names of joints, drives alone that are stated, gravity (3,) in m/s²."""
+    """A robot: limits and drives by joint name (only drives that differ from the default), gravity (3,) in m/s²."""
 
     name: str
     description: DescriptionDocument
@@ -53,7 +53,7 @@ class RobotDocument(TypedDict):
 
 
 def robot_document(robot: Robot) -> RobotDocument:
-    """JSON values from which `robot_from_document` makes the same robot."""
+    """Return JSON values from which `robot_from_document` builds the same robot."""
     document: RobotDocument = {
         "name": robot.name,
         "description": {"format": robot.description.format, "content": robot.description.content},
@@ -72,7 +72,7 @@ def robot_document(robot: Robot) -> RobotDocument:
 
 
 def robot_from_document(document: RobotDocument) -> Robot:
-    """The robot of a document that `robot_document` made."""
+    """Return the robot of a document that `robot_document` wrote."""
     robot = robot_from_description(
         document["name"],
         Description(**document["description"]),
@@ -97,8 +97,8 @@ def _limits_document(limits: Limits) -> LimitsDocument:
 
 def _limits(fields: LimitsDocument) -> Limits:
     position = fields["position"]  # a list, where it has been JSON
-    stated: LimitsDocument = {**fields, "position": (position[0], position[1]) if position else None}
-    return Limits(**stated)
+    values: LimitsDocument = {**fields, "position": (position[0], position[1]) if position else None}
+    return Limits(**values)
 
 
 def _drive_document(drive: Drive) -> DriveDocument:

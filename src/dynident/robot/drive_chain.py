@@ -9,10 +9,19 @@ from dynident.robot.model import Robot
 
 
 def coupling_matrix(robot: Robot) -> FloatArray | None:
-    """C (n, n), so that motor j turns with Σ C_jk q̇_k times its gear ratio; None where every motor moves one joint.
+    """Return the coupling C of motors and joints: motor j turns with Σ C_jk q̇_k times its gear ratio.
 
-    By the power that the motors give, the torques of the joints are Γ = Cᵀ diag(g) u, with g the drive gains [12.17]
-    and u the currents. Its diagonal is one: the gains of [12.17] hold for the motor's own joint.
+    The power of the motors equals that of the joints, so the joint torques are Γ = Cᵀ diag(g) u, with the drive gains
+    g of [12.17] and the currents u. The diagonal is one: the gains of [12.17] hold for the motor's own joint.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Returns
+    -------
+    ndarray (n, n) or None
+        None where every motor moves one joint only.
     """
     if not any(drive.coupling for drive in robot.drives):
         return None
@@ -24,8 +33,9 @@ def coupling_matrix(robot: Robot) -> FloatArray | None:
 
 
 def currents_of(robot: Robot, tau: FloatArray) -> FloatArray:
-    """Currents (m, n) that give joint torques tau (m, n); not a number where a drive gain is not known."""
+    """Return the currents (m, n) that give joint torques tau (m, n); NaN where a drive gain is not known."""
     gains = np.array([drive.gain or np.nan for drive in robot.drives])
     matrix = coupling_matrix(robot)
+    # Γ = Cᵀ diag(g) u, solved for u.
     motors = tau if matrix is None else np.linalg.solve(matrix.T, tau.T).T
     return np.asarray(motors / gains)

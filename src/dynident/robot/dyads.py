@@ -1,4 +1,4 @@
-"""Two passive joints of a loop in a plane, in closed form: a triangle whose sides are known.
+"""Solve two passive joints of a planar loop in closed form, as a triangle whose sides are known.
 
 Their two equations are u + R(y₁) v + R(y₂) w = 0 with vectors u, v, w in the plane that the driven joints alone
 determine, and turns y = T x of the two: each by itself, or one carried by the other. Sides of these lengths make two
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 _POSTURES, _TURNS = 3, 8
 _EXACT, _CONSTANT, _SAME_BRANCH = 1e-12, 1e-13, 1e-8
 _WIDEST = 5.5
-"""Reach (rad) of a passive joint that is surely less than a whole turn."""
+"""Largest range (rad) of a passive joint: with less than a whole turn, its angle follows from cosine and sine."""
 _FLAT = 1e-14
-"""Share of its largest below which a triangle's squared area does not go: where loops are open, numbers stay finite."""
+"""Lower bound of a triangle's squared area, as a share of the largest: keeps numbers finite where a loop is open."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Plane:
-    """A vector or a turn in the plane, multiplied like a complex number."""
+    """A vector or a rotation in the plane, multiplied like a complex number."""
 
     x: ca.SX
     y: ca.SX
@@ -54,61 +54,81 @@ class _Plane:
 
 
 def solved_by_triangles(closure: Closure, q: FloatArray, x: FloatArray) -> Turns | None:
-    """The passive coordinates SX (p, 1) of a closure's driven symbols; `None` where some of its loops are no triangles.
+    """Return the passive coordinates as closed-form expressions of the driven ones.
 
-    `q` (m, n) and `x` (m, p) are closed postures on the branch of the start. A triangle's sides may be those of others.
+    Parameters
+    ----------
+    closure : Closure
+    q, x : (m, n), (m, p)
+        Closed postures on the branch of the start; they select the branch of each triangle.
+
+    Returns
+    -------
+    Turns or None
+        Angles, cosines and sines SX (p, 1) of the closure's driven symbols; None if any loop is not a triangle. The
+        sides of a triangle may depend on triangles that are solved before.
     """
-    found = Turns(*(ca.SX.zeros(closure.p) for _ in range(3)))
+    solution = Turns(*(ca.SX.zeros(closure.p) for _ in range(3)))
     for rows, unknowns in _one_after_the_other(closure):
-        part = _solved(closure, rows, unknowns, found, q, x)
+        part = _solved(closure, rows, unknowns, solution, q, x)
         if part is None:
             return None
-        found.angles[unknowns], found.cosines[unknowns], found.sines[unknowns] = part.angles, part.cosines, part.sines
-    return found
+        solution.angles[unknowns], solution.cosines[unknowns], solution.sines[unknowns] = (
+            part.angles,
+            part.cosines,
+            part.sines,
+        )
+    return solution
 
 
 def _one_after_the_other(closure: Closure) -> list[tuple[list[int], list[int]]]:
-    """Equations and the passive coordinates that they determine, from those that all of the others are known of."""
+    """Return blocks of equations with the passive coordinates that each determines, in an order to solve them."""
+    # The block triangular form of ∂φ/∂x splits the loops into the smallest systems that can be solved one by one.
     over = np.asarray(ca.DM(closure.slopes[1].sparsity(), 1.0).full() != 0)
     count, rows, columns, row_borders, column_borders, *_ = closure.slopes[1].sparsity().btf()
-    left = [
+    remaining_blocks = [
         (sorted(rows[row_borders[k] : row_borders[k + 1]]), sorted(columns[column_borders[k] : column_borders[k + 1]]))
         for k in range(count)
     ]
-    found: list[tuple[list[int], list[int]]] = []
-    while left:
-        known = {k for _, unknowns in found for k in unknowns}
-        ready = next(one for one in left if set(np.flatnonzero(over[one[0]].any(axis=0))) <= known | set(one[1]))
-        left.remove(ready)
-        found.append(ready)
-    return found
+    ordered_blocks: list[tuple[list[int], list[int]]] = []
+    while remaining_blocks:
+        solved_unknowns = {k for _, unknowns in ordered_blocks for k in unknowns}
+        ready = next(
+            block
+            for block in remaining_blocks
+            if set(np.flatnonzero(over[block[0]].any(axis=0))) <= solved_unknowns | set(block[1])
+        )
+        remaining_blocks.remove(ready)
+        ordered_blocks.append(ready)
+    return ordered_blocks
 
 
 def _solved(
-    closure: Closure, rows: list[int], unknowns: list[int], known: Turns, q: FloatArray, x: FloatArray
+    closure: Closure, rows: list[int], unknowns: list[int], solved_before: Turns, q: FloatArray, x: FloatArray
 ) -> Turns | None:
-    """Two passive coordinates by two equations, of the driven ones and of those known; zeros stand for the rest."""
+    """Solve two equations for two passive coordinates; None if they do not form a triangle."""
     if len(rows) != 2 or len(unknowns) != 2:
         return None
     turning = _turning(closure, rows, unknowns, q[:_POSTURES], x[:_POSTURES])
-    vectors = None if turning is None else _vectors(closure, rows, unknowns, turning, known)
+    vectors = None if turning is None else _vectors(closure, rows, unknowns, turning, solved_before)
     if turning is None or vectors is None:
         return None
-    own, driven = x[:, unknowns], closure.symbols[0]
-    if np.ptp(own, axis=0).max() > _WIDEST:
+    passive, driven = x[:, unknowns], closure.symbols[0]
+    if np.ptp(passive, axis=0).max() > _WIDEST:
         return None
-    middle = 0.5 * (own.min(axis=0) + own.max(axis=0))
-    squares = [_constant(one.squared(), driven, q) for one in vectors[1:]]
+    # Three sides make two triangles, mirrored at the base. The sampled postures tell which of them is the start's.
+    middle = 0.5 * (passive.min(axis=0) + passive.max(axis=0))
+    squares = [_constant(vector.squared(), driven, q) for vector in vectors[1:]]
     for side in (1.0, -1.0):
         turns = _third_corner(vectors, squares, side)
-        found = _angles([_combined(turns, powers) for powers in np.linalg.inv(turning)], middle)
-        if np.abs(_at(found.angles, driven, q) - own).max() < _SAME_BRANCH:
-            return found
+        branch = _angles([_combined(turns, powers) for powers in np.linalg.inv(turning)], middle)
+        if np.abs(_at(branch.angles, driven, q) - passive).max() < _SAME_BRANCH:
+            return branch
     return None
 
 
 def _candidates() -> Iterator[FloatArray]:
-    """T (2, 2): both joints on the same body, or one of them on the other, about the same axis or the opposite one."""
+    """Yield T (2, 2): both joints on the same body, or one on the other, about the same axis or the opposite one."""
     for first, second in product((1, -1), repeat=2):
         yield np.array([[first, 0], [0, second]])
         yield np.array([[first, 0], [first, second]])
@@ -116,7 +136,7 @@ def _candidates() -> Iterator[FloatArray]:
 
 
 def _turning(closure: Closure, rows: list[int], unknowns: list[int], q: FloatArray, x: FloatArray) -> FloatArray | None:
-    """T of two equations, by trying: with it they are linear in u, v and w, wherever the two joints are."""
+    """Return T of two equations, or None: with it they are linear in u, v and w for any angles of the two joints."""
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (_TURNS, 2))
     whole = np.repeat(x, _TURNS, axis=0)
     whole[:, unknowns] = np.tile(angles, (len(x), 1))
@@ -124,17 +144,20 @@ def _turning(closure: Closure, rows: list[int], unknowns: list[int], q: FloatArr
     for turning in _candidates():
         y = angles @ turning.T
         matrices = np.array([[np.cos(y), -np.sin(y)], [np.sin(y), np.cos(y)]])
+        # For one posture of the others, u, v and w are six numbers. Fit them to the gaps at random angles of the two:
+        # an exact fit proves the form, since there are more angles than numbers.
         terms = np.hstack([np.tile(np.eye(2), (_TURNS, 1)), np.einsum("rctk->trkc", matrices).reshape(-1, 4)])
-        left = gaps - terms @ np.linalg.lstsq(terms, gaps, rcond=None)[0]
-        if np.abs(left).max() < _EXACT * closure.size:
+        misfit = gaps - terms @ np.linalg.lstsq(terms, gaps, rcond=None)[0]
+        if np.abs(misfit).max() < _EXACT * closure.size:
             return turning
     return None
 
 
 def _vectors(
-    closure: Closure, rows: list[int], unknowns: list[int], turning: FloatArray, known: Turns
+    closure: Closure, rows: list[int], unknowns: list[int], turning: FloatArray, solved_before: Turns
 ) -> list[_Plane] | None:
-    """u, v and w: what is left of the equations without sines and cosines, and what the cosines of y₁ and y₂ carry."""
+    """Return u, v and w: the constant part of the equations, and the factors of the cosines of y₁ and y₂."""
+    # Replace cosines and sines by symbols: the gaps are then polynomials in them, and v and w their coefficients.
     x = closure.symbols[1]
     open_turns = Turns(x, ca.SX.sym("cos", closure.p), ca.SX.sym("sin", closure.p))
     gaps = turned(ca.densify(closure.gaps[rows]), x, open_turns)
@@ -145,42 +168,52 @@ def _vectors(
         for unknown, power in zip(unknowns, powers, strict=True):
             if power:
                 parts[k] = ca.jacobian(parts[k], open_turns.cosines[unknown])
-    parts = ca.substitute(parts, [open_turns.cosines, open_turns.sines], [known.cosines, known.sines])
+    parts = ca.substitute(parts, [open_turns.cosines, open_turns.sines], [solved_before.cosines, solved_before.sines])
     return [_Plane(*(ca.densify(part)[k] for k in range(2))) for part in parts]
 
 
 def _third_corner(vectors: Sequence[_Plane], squares: Sequence[ca.SX], side: float) -> list[_Plane]:
-    """The turns by y₁ and y₂ that close the triangle u + R(y₁) v + R(y₂) w = 0, whose corner lies on one side of u."""
+    """Return the rotations by y₁ and y₂ that close u + R(y₁) v + R(y₂) w = 0, with the corner on one side of u."""
     u, v, w = vectors
-    own = u.squared()
-    along = 0.5 * (squares[1] - squares[0] - own)
-    largest = squares[0] * own
+    base_squared = u.squared()
+    # The law of cosines gives the corner's coordinate along the base u, Pythagoras the one across it. Multiplying by
+    # the squared length of u avoids its square root.
+    along = 0.5 * (squares[1] - squares[0] - base_squared)
+    largest = squares[0] * base_squared
     across = side * ca.sqrt(ca.fmax(largest - along * along, _FLAT * largest))
-    first = u * _Plane(along / own, across / own)
+    first = u * _Plane(along / base_squared, across / base_squared)
     second = first + u
     return [first * v.back().times(1 / squares[0]), second * w.back().times(-1 / squares[1])]
 
 
 def _combined(turns: Sequence[_Plane], powers: FloatArray) -> _Plane:
-    """The turn by a sum of angles, each taken as often as `powers` (2,) says: once, back, or not at all."""
-    used = [one if power > 0 else one.back() for one, power in zip(turns, powers, strict=True) if round(power)]
+    """Return the rotation by a sum of angles, each counted with its power in `powers` (2,): 1, -1 or 0."""
+    used = [turn if power > 0 else turn.back() for turn, power in zip(turns, powers, strict=True) if round(power)]
     return used[0] if len(used) == 1 else used[0] * used[1]
 
 
 def _angles(turns: Sequence[_Plane], middle: FloatArray) -> Turns:
-    """Angles within half a turn of their middles."""
-    away = [one * _Plane(ca.SX(np.cos(at)), ca.SX(-np.sin(at))) for one, at in zip(turns, middle, strict=True)]
-    angles = [at + ca.atan2(one.y, one.x) for one, at in zip(away, middle, strict=True)]
-    return Turns(*(ca.vertcat(*one) for one in (angles, [one.x for one in turns], [one.y for one in turns])))
+    """Return angles within half a turn of their middles, with their cosines and sines."""
+    away = [
+        rotation * _Plane(ca.SX(np.cos(centre)), ca.SX(-np.sin(centre)))
+        for rotation, centre in zip(turns, middle, strict=True)
+    ]
+    angles = [centre + ca.atan2(rotation.y, rotation.x) for rotation, centre in zip(away, middle, strict=True)]
+    return Turns(
+        *(
+            ca.vertcat(*rotation)
+            for rotation in (angles, [rotation.x for rotation in turns], [rotation.y for rotation in turns])
+        )
+    )
 
 
 def _constant(value: ca.SX, driven: ca.SX, q: FloatArray) -> ca.SX:
-    """A squared length as a number where the driven joints do not change it."""
+    """Return a squared length as a number if the driven joints do not change it, else as it is."""
     values = _at(value, driven, q)
     return ca.SX(float(values.mean())) if np.ptp(values) < _CONSTANT * values.max() else value
 
 
 def _at(value: ca.SX, driven: ca.SX, q: FloatArray) -> FloatArray:
-    """Values (m, k) of an expression SX (k, 1) at driven positions (m, n)."""
-    found = ca.Function("value", [driven], [ca.densify(value)]).map(len(q))(q.T)
-    return np.asarray(found.full().T, dtype=np.float64)
+    """Evaluate an expression SX (k, 1) at driven positions (m, n); returns (m, k)."""
+    values = ca.Function("value", [driven], [ca.densify(value)]).map(len(q))(q.T)
+    return np.asarray(values.full().T, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Small sparse systems of expressions, solved by elimination in an order that is chosen once, on numbers.
+"""Solve small sparse systems of expressions by elimination, in an order that is chosen once on numbers.
 
 CasADi's own `solve` of expressions knows no numbers, so it must make every pivot safe by an orthogonalisation, which
 takes several times as many operations as the elimination of a matrix that is mostly zeros.
@@ -14,44 +14,59 @@ import numpy as np
 from dynident.arrays import FloatArray
 
 _SAFE = 0.05
-"""A pivot is at least this share of the largest number left in its row, in every one of the matrices seen."""
+"""A pivot is at least this share of the largest number left in its row, in every one of the sampled matrices."""
 _ZERO = 1e-14
+"""Share of the largest entry below which an entry counts as zero: rounding."""
 
 Pivots = tuple[tuple[int, int], ...]
 
 
 def pivots_of(matrices: FloatArray) -> Pivots:
-    """Rows and columns to eliminate by, in their order, for matrices (m, p, p) of one kind.
+    """Choose the order of elimination for matrices (m, p, p) of one sparsity pattern.
 
-    The cheapest safe pivot each time (Markowitz, 1957): the product of the numbers of other entries in its row and its
-    column is what it may fill. Where none is safe, the safest is taken.
+    Each step takes the cheapest safe pivot (Markowitz, 1957): the product of the numbers of other entries in its row
+    and in its column bounds the entries that it can fill. If no pivot is safe, the safest one is taken.
+
+    Parameters
+    ----------
+    matrices : ndarray (m, p, p)
+        Samples of the matrix.
+
+    Returns
+    -------
+    tuple of (row, column)
     """
-    left = np.array(matrices)
-    size = left.shape[1]
+    remaining = np.array(matrices)
+    size = remaining.shape[1]
     rows, columns = list(range(size)), list(range(size))
-    largest = float(np.abs(left).max()) or 1.0
-    found: list[tuple[int, int]] = []
+    largest = float(np.abs(remaining).max()) or 1.0
+    pivots: list[tuple[int, int]] = []
     while rows:
-        part = np.abs(left[:, rows][:, :, columns])
-        there = part.max(axis=0) > _ZERO * largest
+        part = np.abs(remaining[:, rows][:, :, columns])
+        nonzero = part.max(axis=0) > _ZERO * largest
         reach = part.max(axis=2, keepdims=True)
+        # The worst case over all samples: the order is fixed in the generated code, so every pivot must be safe in
+        # every posture.
         share = np.min(part / np.where(reach > 0, reach, 1.0), axis=0)
-        cost = np.outer(there.sum(axis=1) - 1, there.sum(axis=0) - 1).astype(float)
-        safe = there & (share >= _SAFE)
+        cost = np.outer(nonzero.sum(axis=1) - 1, nonzero.sum(axis=0) - 1).astype(float)
+        safe = nonzero & (share >= _SAFE)
+        # Subtracting the share, which is at most one, decides between pivots of equal cost for the safer one.
         best = np.argmin(np.where(safe, cost - share, np.inf)) if safe.any() else np.argmax(share)
-        at, over = np.unravel_index(int(best), share.shape)
-        row, column = rows[at], columns[over]
-        found.append((row, column))
+        row_place, column_place = np.unravel_index(int(best), share.shape)
+        row, column = rows[row_place], columns[column_place]
+        pivots.append((row, column))
         rows.remove(row)
         columns.remove(column)
-        pivot = left[:, row, column]
-        factors = left[:, rows, column] / np.where(pivot == 0, 1.0, pivot)[:, None]
-        left[:, np.array(rows, dtype=int)[:, None], columns] -= factors[:, :, None] * left[:, row, columns][:, None, :]
-    return tuple(found)
+        pivot = remaining[:, row, column]
+        factors = remaining[:, rows, column] / np.where(pivot == 0, 1.0, pivot)[:, None]
+        remaining[:, np.array(rows, dtype=int)[:, None], columns] -= (
+            factors[:, :, None] * remaining[:, row, columns][:, None, :]
+        )
+    return tuple(pivots)
 
 
 def solved(matrix: ca.SX, right: ca.SX, pivots: Pivots) -> ca.SX:
-    """SX (p, k): matrix⁻¹ right, of expressions SX (p, p) and (p, k)."""
+    """Return matrix⁻¹ right as SX (p, k), for expressions SX (p, p) and (p, k)."""
     entries = _entries(matrix)
     sides = _entries(right)
     done: set[int] = set()
@@ -64,6 +79,7 @@ def solved(matrix: ca.SX, right: ca.SX, pivots: Pivots) -> ca.SX:
             factor = entries[other].pop(column) / pivot
             _subtract(entries[other], entries[row], factor, skip=column)
             _subtract(sides[other], sides[row], factor)
+    # Back substitution, in the reverse order of the pivots.
     value = ca.SX(matrix.shape[0], right.shape[1])
     for row, column in reversed(pivots):
         for other, factor in entries[row].items():
@@ -75,11 +91,11 @@ def solved(matrix: ca.SX, right: ca.SX, pivots: Pivots) -> ca.SX:
 
 
 def _entries(matrix: ca.SX) -> list[dict[int, ca.SX]]:
-    found: list[dict[int, ca.SX]] = [{} for _ in range(matrix.shape[0])]
+    rows_of_entries: list[dict[int, ca.SX]] = [{} for _ in range(matrix.shape[0])]
     rows, columns = ca.sparsify(matrix).sparsity().get_triplet()
     for row, column in zip(rows, columns, strict=True):
-        found[row][column] = matrix[row, column]
-    return found
+        rows_of_entries[row][column] = matrix[row, column]
+    return rows_of_entries
 
 
 def _subtract(target: dict[int, ca.SX], other: dict[int, ca.SX], factor: ca.SX, skip: int = -1) -> None:

@@ -1,4 +1,4 @@
-"""Reads fields of a JSON value with errors that point at them."""
+"""Read fields of a JSON value, with errors that point at them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dynident.errors import DynidentError
 from dynident.robot.pointers import check_unicode, listed, pointer
 
 DEEPEST = 64
-"""Lists and objects inside each other; a table of a robot with loops has six."""
+"""Largest depth of nested lists and objects; a table of a robot with loops has six."""
 _NUMBER = r"(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _EXPRESSION = re.compile(rf"([+-]?)\s*(?:({_NUMBER})\s*\*\s*)?(pi|π)\s*(?:/\s*({_NUMBER}))?")
 
@@ -34,6 +34,7 @@ def parse_json(text: str, at: str, title: str) -> object:
 
 def _check_value(value: object, at: str, title: str) -> None:
     """Refuse a value that is nested deeper than any description, or whose texts are not Unicode."""
+    # Go through the value level by level instead of by recursion, so that a deep value cannot exhaust the stack.
     level: list[object] = [value]
     for _ in range(DEEPEST):
         below: list[object] = []

@@ -9,9 +9,20 @@ from dynident.robot.model import Joint, Robot
 
 
 def joint_frames(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return the frames of all joints in the base frame, (m, N, 4, 4), at configurations `q` (m, n).
+    """Return the frames of all joints in the base frame.
 
-    A frame moves with its joint: the link's inertial parameters are constant in it. N > n where joints follow others.
+    A frame moves with its joint, so the link's inertial parameters are constant in it.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : ndarray (m, n)
+        Positions of the driven joints, rad or m.
+
+    Returns
+    -------
+    ndarray (m, N, 4, 4)
+        One homogeneous transform a joint of the tree; N > n where joints follow others.
     """
     q = np.asarray(q, dtype=float)
     if robot.linkage is not None:
@@ -32,13 +43,29 @@ def joint_motion(joint: Joint, q: FloatArray) -> FloatArray:
         return motion
     x, y, z = joint.axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    # Rodrigues' formula.
+    # Rodrigues' formula for a rotation about the axis: I + sin q [a]x + (1 - cos q) [a]x².
     motion[:, :3, :3] += np.sin(q)[:, None, None] * cross + (1.0 - np.cos(q))[:, None, None] * (cross @ cross)
     return motion
 
 
 def tool_path(robot: Robot, q: FloatArray, joint: int = -1, point: FloatArray | None = None) -> FloatArray:
-    """Return where `point` (3,) of a joint's frame, by default the last one's origin, goes in the base frame (m, 3)."""
+    """Return the path of a point of the robot in the base frame.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : ndarray (m, n)
+        Positions of the driven joints, rad or m.
+    joint : int
+        Index of the joint (in the tree) that carries the point; the last one by default.
+    point : ndarray (3,), optional
+        The point in that joint's frame (m); the frame's origin by default.
+
+    Returns
+    -------
+    ndarray (m, 3)
+        In m.
+    """
     frame = joint_frames(robot, q)[:, joint]
     path: FloatArray = frame[:, :3, 3] if point is None else frame[:, :3, :3] @ point + frame[:, :3, 3]
     return path

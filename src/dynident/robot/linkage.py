@@ -1,4 +1,4 @@
-"""Machines whose joints are not all free: which joints of the tree are driven, and what the others follow.
+"""Machines with dependent joints: which joints of the tree are driven, and how the others follow them.
 
 Data, drives and limits are those of the driven joints q_a (n,). The links hang on the tree's joints q (N,), which
 follow from them: q = f(q_a), q̇ = G q̇_a with G = ∂f/∂q_a, and the torques of the driven joints are Γ = Gᵀ Γ_tree.
@@ -25,13 +25,18 @@ if TYPE_CHECKING:
     from dynident.robot.model import Robot
 
 
-# Of recorded positions every such one is looked at; a loop that is open by more (m) is no rounding.
-_EVERY, _OPEN = 20, 1e-6
+# One of so many recorded positions is checked: they change little from sample to sample.
+_EVERY = 20
+# A loop that is open by more (m) is not open by rounding alone.
+_OPEN = 1e-6
 
 
 @dataclass(frozen=True)
 class Tie:
-    """A joint that follows others: q = Σ ratio q_other + offset. `where`, `line`: of the description, for messages."""
+    """A joint that follows others: q = Σ ratio q_other + offset.
+
+    `where` and `line` are its place in the description, for messages.
+    """
 
     ratios: Mapping[str, float]
     offset: float = 0.0
@@ -41,10 +46,20 @@ class Tie:
 
 @dataclass(frozen=True, eq=False)
 class Linkage:
-    """The tree that carries the links of a machine, and how it follows the driven joints.
+    """The tree that carries the links of a machine, and how its joints follow the driven ones.
 
-    `driven` (n,) are the driven joints' places among the tree's; q = `ratios` (N, n + p) [q_a; x] + `offsets` (N,),
-    with the p passive coordinates x that closed loops determine, if there are any (`closure`).
+    Attributes
+    ----------
+    tree : Robot
+        The robot of all N joints.
+    driven : tuple of int
+        Indices of the n driven joints in the tree.
+    ratios, offsets : (N, n + p), (N,)
+        q = ratios [q_a; x] + offsets, with the p passive coordinates x that closed loops determine.
+    ties : mapping of joint name to Tie
+        Joints that follow others by fixed ratios.
+    closure : Closure or None
+        The closed loops, where there are any.
     """
 
     tree: Robot
@@ -56,16 +71,16 @@ class Linkage:
 
     @property
     def passive(self) -> tuple[int, ...]:
-        """Places of the other joints among the tree's."""
+        """Indices of the joints in the tree that are not driven."""
         return tuple(j for j in range(self.tree.n) if j not in self.driven)
 
     def positions(self, q: FloatArray) -> FloatArray:
-        """Positions of all joints (m, N) from those of the driven ones (m, n)."""
+        """Return the positions of all joints (m, N) at those of the driven ones (m, n)."""
         free = q if self.closure is None else np.hstack([q, self.closure.passive(q)])
         return np.asarray(free @ self.ratios.T + self.offsets)
 
     def rates(self, q: FloatArray) -> FloatArray:
-        """G (m, N, n) at driven positions q (m, n)."""
+        """Return G = ∂q/∂q_a (m, N, n) at driven positions q (m, n)."""
         if self.closure is None:
             return np.broadcast_to(self.ratios, (len(q), *self.ratios.shape))
         n, x = q.shape[1], self.closure.passive(q)
@@ -73,7 +88,7 @@ class Linkage:
         return np.asarray(self.ratios[:, :n] + self.ratios[:, n:] @ slopes)
 
     def motion(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Position, velocity and acceleration of all joints (m, N) from those of the driven ones (m, n)."""
+        """Return position, velocity and acceleration of all joints (m, N) from those of the driven ones (m, n)."""
         if self.closure is None:
             return self.positions(q), dq @ self.ratios.T, ddq @ self.ratios.T
         passive = self.closure.accelerations_at(q, self.closure.passive(q), dq, ddq)
@@ -81,16 +96,17 @@ class Linkage:
         return self.positions(q), speed, np.hstack([ddq, passive]) @ self.ratios.T
 
     def check_closed(self, t: FloatArray, q: FloatArray) -> None:
-        """Look at some of the driven positions q (m, n) at times t (m,), whether the loops are closed there.
+        """Check at some of the driven positions q (m, n), recorded at times t (m,), that the loops are closed.
 
         Raises
         ------
         DynidentError
-            Where they are open, or the posture is singular: no recording of this machine is there.
+            If a loop is open or a posture is singular: no recording of this machine can hold it.
         """
         if self.closure is None:
             return
         gaps, conditions = self.closure.conditions(q[::_EVERY])
+        # Negated comparisons, so that positions that are not a number count as wrong.
         wrong = np.flatnonzero(~(gaps < _OPEN) | ~(conditions < SINGULAR))
         if len(wrong):
             k = int(wrong[0])
@@ -103,40 +119,53 @@ class Linkage:
             )
 
     def repeats(self, joint: int) -> bool:
-        """Whether a joint of the tree turns, or slides, so many times as far as one driven joint."""
-        own = self.ratios[joint]
-        return bool(np.count_nonzero(own[: len(self.driven)]) < 2 and not own[len(self.driven) :].any())
+        """Return whether a joint of the tree follows at most one driven joint, by a constant ratio."""
+        joint_ratios = self.ratios[joint]
+        return bool(
+            np.count_nonzero(joint_ratios[: len(self.driven)]) < 2 and not joint_ratios[len(self.driven) :].any()
+        )
 
     def movers(self, joint: int) -> tuple[int, ...]:
-        """Places among the driven joints of those that a joint of the tree moves with."""
-        n, found = len(self.driven), set()
+        """Return the places, among the driven joints, of those that a joint of the tree moves with."""
+        n, driven_joints = len(self.driven), set()
         for place in np.flatnonzero(self.ratios[joint]):
             if place < n:
-                found.add(int(place))
+                driven_joints.add(int(place))
             elif self.closure is not None:
-                found |= set(self.closure.movers(int(place) - n))
-        return tuple(sorted(found))
+                driven_joints |= set(self.closure.movers(int(place) - n))
+        return tuple(sorted(driven_joints))
 
 
 def followers_locked(ties: Mapping[str, Tie], locked: Mapping[str, float]) -> dict[str, float]:
-    """The locked joints, and those that stand because all that they follow are locked."""
-    found = dict(locked)
+    """Return the locked joints and those that cannot move because all joints that they follow are locked.
+
+    Parameters
+    ----------
+    ties : mapping of joint name to Tie
+    locked : mapping of joint name to position (rad or m)
+
+    Returns
+    -------
+    dict of joint name to position
+    """
+    positions = dict(locked)
+    # Repeat until nothing changes: a joint may follow one that is found to be locked in this loop itself.
     while True:
         more = {
-            name: sum(ratio * found[other] for other, ratio in tie.ratios.items()) + tie.offset
+            name: sum(ratio * positions[other] for other, ratio in tie.ratios.items()) + tie.offset
             for name, tie in ties.items()
-            if name not in found and all(other in found for other in tie.ratios)
+            if name not in positions and all(other in positions for other in tie.ratios)
         }
         if not more:
-            return found
-        found |= more
+            return positions
+        positions |= more
 
 
 @dataclass(frozen=True)
 class Cuts:
-    """What a description says of closed loops: the loops, the passive joints in them, where joints start (rad or m).
+    """Closed loops of a description: the loops, their passive joints, and start positions of joints (rad or m).
 
-    `repeated`: equations may say again what others say, and are then left out.
+    `repeated`: equations may depend on others and are then left out.
     """
 
     loops: tuple[Loop, ...] = ()
@@ -148,13 +177,24 @@ class Cuts:
 def linked(
     tree: Robot, ties: Mapping[str, Tie], *, title: str, locked: Mapping[str, float], cuts: Cuts | None = None
 ) -> Robot:
-    """The machine of a tree some of whose joints follow others; the tree itself where none does.
+    """Return the machine of a tree some of whose joints follow others, or the tree itself if none does.
+
+    Parameters
+    ----------
+    tree : Robot
+    ties : mapping of joint name to Tie
+    title : str
+        Title of errors.
+    locked : mapping of joint name to position
+        Joints that were removed from the tree because they are locked (rad or m).
+    cuts : Cuts, optional
+        Closed loops and passive joints.
 
     Raises
     ------
     DynidentError
-        A joint follows itself, directly or by way of others, or one that does not exist; or a ratio is none. Or
-        loops do not close, or do not determine the passive joints.
+        A joint follows itself, directly or through others, or one that does not exist; a ratio is zero or not finite;
+        or loops do not close, or do not determine the passive joints.
     """
     cuts = Cuts() if cuts is None else cuts
     ties = {name: tie for name, tie in ties.items() if name in tree.joint_names}
@@ -184,7 +224,7 @@ def linked(
 
 
 def driven_robot(linkage: Linkage) -> Robot:
-    """The robot whose joints are the driven ones of a linkage; each one's antecedent is the driven joint before it."""
+    """Return the robot whose joints are the driven ones; the antecedent of each is the driven joint before it."""
     tree, driven = linkage.tree, linkage.driven
     joints = []
     for j in driven:
@@ -219,12 +259,14 @@ def _closure(
     start = np.array([cuts.starts.get(joint.name, 0.0) for joint in free])
     reach = {"revolute": math.pi, "prismatic": 1.0}
     bounds = [
-        joint.reach or (at - reach[joint.kind], at + reach[joint.kind]) for joint, at in zip(free, start, strict=True)
+        joint.reach or (centre - reach[joint.kind], centre + reach[joint.kind])
+        for joint, centre in zip(free, start, strict=True)
     ]
+    # Where no start is stated and zero lies outside a joint's limits, the middle of the range is the better guess.
     for place, (low, high) in enumerate(bounds[: len(driven)]):
         if free[place].name not in cuts.starts and not low <= 0.0 <= high:
             start[place] = 0.5 * (low + high)
-    low, high = (np.array(one) for one in zip(*bounds[: len(driven)], strict=True))
+    low, high = (np.array(bound) for bound in zip(*bounds[: len(driven)], strict=True))
     names = tuple(joint.name for joint in free)
     closure = Closure(tree.joints, cuts.loops, ratios, offsets, start, low, high, names)
     if cuts.repeated:
@@ -234,18 +276,19 @@ def _closure(
 
 
 def check_ratio(value: float) -> bool:
-    """Whether a joint can follow another by this ratio."""
+    """Return whether a joint can follow another by this ratio."""
     return math.isfinite(value) and value != 0
 
 
 def _solved(
     tree: Robot, ties: Mapping[str, Tie], title: str, locked: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Ratios (N, N) to the joints that are tied to none, and offsets (N,)."""
+    """Return the ratios (N, N) of all joints to those that follow none, and the offsets (N,)."""
     names = tree.joint_names
     ratios, offsets = np.zeros((tree.n, tree.n)), np.zeros(tree.n)
     done: set[str] = set()
 
+    # Depth-first: a joint's row is complete once those of all joints that it follows are; `path` finds circles.
     def solve(name: str, path: tuple[str, ...]) -> None:
         if name in done:
             return
@@ -255,7 +298,7 @@ def _solved(
             ratios[j, j] = 1.0
         else:
             if name in path:
-                way = " follows ".join(f"'{one}'" for one in (*path[path.index(name) :], name))
+                way = " follows ".join(f"'{joint_name}'" for joint_name in (*path[path.index(name) :], name))
                 raise _error(f"Joint {way}: a joint cannot follow itself. Leave one of them free.", tie, title)
             offsets[j] = tie.offset
             for other, ratio in tie.ratios.items():
@@ -265,7 +308,7 @@ def _solved(
                 if other not in names:
                     raise _error(
                         f"Joint '{name}' follows '{other}', which is no moving joint; moving joints: "
-                        f"{listed(one for one in names if one != name)}.",
+                        f"{listed(joint_name for joint_name in names if joint_name != name)}.",
                         tie,
                         title,
                     )

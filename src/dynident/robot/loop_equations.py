@@ -1,4 +1,4 @@
-"""Equations of closed loops that say again what others say: found in closed postures, and left out."""
+"""Find equations of closed loops that depend on others, in closed postures, and leave them out."""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ from dynident.robot.pointers import listed
 
 _POSTURES, _NEAR, _ROUNDS = 20, 0.1, 30
 _DEPENDENT = 1e-9
+"""Share of the largest singular value below which a direction counts as zero: the rank of the equations."""
 _OPEN = 1e-7
-"""Gap (m, rad) that an equation left out may have: what a description's own digits leave open."""
+"""Gap (m, rad) that an equation left out may have: descriptions are written with a limited number of digits."""
 
 
 def without_repeated(closure: Closure) -> Closure:
-    """The closure with as many equations as its passive joints, where the others follow from them.
+    """Return the closure without the equations that follow from its others.
 
-    A `connect` of MJCF has three equations, and two of them hold a loop in a plane; a hinge may be written as two
-    points. Which ones are independent is asked of closed postures near the start.
+    A `connect` of MJCF has three equations although two hold a loop in a plane, and a hinge may be written as two
+    points. Closed postures near the start tell which equations are independent.
 
     Raises
     ------
     DynidentError
-        Loops do not close at the start; or all of their equations together hold the driven joints, too.
+        Loops do not close at the start, or all of their equations together hold the driven joints as well.
     """
     start = closure.closed_start()
     postures = _closed_postures(closure, start)
@@ -51,6 +52,8 @@ def without_repeated(closure: Closure) -> Closure:
             )
         if not unknowns:
             continue
+        # Take the posture in which the passive joints are determined best, and pivoted QR of the transposed slopes:
+        # the rows that it chooses last are those that depend on the others.
         part = slopes[:, rows][:, :, unknowns]
         singular = np.linalg.svd(part, compute_uv=False)
         best = int(np.argmax(singular[:, -1] / singular[:, 0]))
@@ -61,16 +64,16 @@ def without_repeated(closure: Closure) -> Closure:
         return closure
     loops = []
     for loop in closure.loops:
-        own = closure.rows_of(loop)
-        loops.append(replace(loop, equations=tuple(k for k, row in enumerate(own) if row not in left_out)))
+        loop_rows = closure.rows_of(loop)
+        loops.append(replace(loop, equations=tuple(k for k, row in enumerate(loop_rows) if row not in left_out)))
     return replace(closure, loops=tuple(loops))
 
 
 def _closed_postures(closure: Closure, start: FloatArray) -> FloatArray:
-    """Closed postures (m, n + p) around the start, itself first."""
+    """Return closed postures (m, n + p) around the start, the start first."""
     rng = np.random.default_rng(0)
     reach = np.minimum(_NEAR, 0.25 * (closure.high - closure.low))
-    found = [start]
+    postures = [start]
     for step in rng.uniform(-1, 1, (_POSTURES, closure.n)):
         posture = start.copy()
         posture[: closure.n] += reach * step
@@ -78,7 +81,8 @@ def _closed_postures(closure: Closure, start: FloatArray) -> FloatArray:
             gap, slopes = closure.evaluated(posture[None, : closure.n], posture[None, closure.n :])
             if np.abs(gap).max() < CLOSED:
                 break
+            # Newton's step by least squares: there are more equations than unknowns here, some of them dependent.
             posture[closure.n :] -= np.linalg.lstsq(slopes[0], gap[0], rcond=1e-10)[0]
         if np.abs(gap).max() < _OPEN:
-            found.append(posture)
-    return np.array(found)
+            postures.append(posture)
+    return np.array(postures)

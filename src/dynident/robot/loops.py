@@ -1,10 +1,11 @@
-"""Closed loops: cut joints whose two frames coincide, and the passive joints that follow from that (chapter 10).
+"""Closed loops: cut joints whose two frames coincide, and the passive joints that this determines (chapter 10).
 
 With the loops cut open, the machine is a tree. Its free coordinates are those of the driven joints, q_a, and of the
 passive ones, x; φ(q_a, x) = 0 holds the cut frames together, so that ẋ = -(∂φ/∂x)⁻¹ (∂φ/∂q_a) q̇_a, and once more for ẍ.
 
-x itself is found by Newton's method from a first guess near the branch that the description starts on: a polynomial
-that was fitted to positions followed from there. What follows are expressions, like those of any other joint.
+x itself is found by Newton's method from a first guess near the branch that the description starts on. The guess is a
+polynomial that is fitted to positions which were followed from the start. The results are expressions, like those of
+any other joint.
 """
 
 from __future__ import annotations
@@ -28,22 +29,35 @@ from dynident.robot.passive_positions import passive_positions
 from dynident.robot.pointers import listed
 
 CLOSED = 1e-9
-"""Gap of a closed loop (m, rad): rounding."""
+"""Largest gap of a closed loop (m, rad): rounding."""
 SINGULAR = 1e3
 """Condition of ∂φ/∂x above which a posture counts as singular."""
 FAR_FROM_SINGULAR = 30.0
-"""Condition below which passive positions are known surely; designs stay there."""
+"""Condition below which passive positions are reliable; designed trajectories stay there."""
 _FOUND, _LEAP = 1e-13, 1.0
 _STEP, _MOST_STEPS, _ROUNDS = 0.1, 80, 40
-_PIVOT_SAMPLES, _LEAST_REACHED = 200, 0.02
+_PIVOT_SAMPLES = 200
+# Share of random postures within the limits that have to be reached without passing a singular one.
+_LEAST_REACHED = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Closure:
-    """The loops of one machine as equations of its free coordinates.
+    """The loops of one machine as equations φ(q_a, x) = 0 of its free coordinates.
 
-    The tree's positions are `ratios` (N, n + p) [q_a; x] + `offsets` (N,). `start` (n + p,) is a posture near which the
-    loops are closed; `low`, `high` (n,) bound the driven joints; `names` are those of the free coordinates.
+    Attributes
+    ----------
+    joints : tuple of Joint
+        Joints of the tree.
+    loops : tuple of Loop
+    ratios, offsets : (N, n + p), (N,)
+        The tree's positions are ratios [q_a; x] + offsets.
+    start : (n + p,)
+        A posture near which the loops are closed (rad, m).
+    low, high : (n,)
+        Bounds of the driven joints.
+    names : tuple of str
+        Names of the free coordinates, the driven joints first.
     """
 
     joints: tuple[Joint, ...]
@@ -67,7 +81,7 @@ class Closure:
 
     @cached_property
     def turning(self) -> tuple[bool, ...]:
-        """Of the passive coordinates, which are angles."""
+        """Which of the passive coordinates are angles (p,)."""
         kinds = {joint.name: joint.kind for joint in self.joints}
         return tuple(kinds[name] == "revolute" for name in self.names[self.n :])
 
@@ -102,6 +116,8 @@ class Closure:
         speed = ca.SX.sym("speed", self.n + self.p)
         free = ca.vertcat(driven, passive)
         gap_rate = ca.jtimes(self.gaps, free, speed)
+        # φ̈ = 0: the part of φ̈ that does not contain accelerations, evaluated at the velocities of the closed loops,
+        # plus the slopes times the accelerations. Solve that for ẍ.
         turning = ca.substitute(ca.jtimes(gap_rate, free, speed), speed, moving)
         value = -self.solve(turning + ca.mtimes(self.slopes[0], acceleration))
         return ca.Function("accelerations", [driven, passive, rate, acceleration], [value])
@@ -109,69 +125,81 @@ class Closure:
     @cached_property
     def solution(self) -> ca.Function:
         """(q_a) -> x, cos x and sin x SX (p, 1)."""
-        found = passive_positions(self)
-        if found is None:
+        function = passive_positions(self)
+        if function is None:
             raise nowhere_near(self.loops[0])
-        return found
+        return function
 
     def closed(self, expression: ca.SX, driven: ca.SX) -> ca.SX:
-        """An expression of the symbols of x as one of the driven positions SX (n, 1)."""
+        """Return an expression of the symbols of x as an expression of the driven positions SX (n, 1)."""
         return turned(expression, self.symbols[1], Turns(*self.solution(driven)))
 
     def solve(self, right: ca.SX) -> ca.SX:
-        """(∂φ/∂x)⁻¹ right, SX (p, k) of expressions SX (equations, k)."""
+        """Return (∂φ/∂x)⁻¹ right, SX (p, k), for expressions SX (equations, k)."""
         return solved(self.slopes[1], right, self._pivots)
 
     def rates_at(self, q: FloatArray, x: FloatArray) -> FloatArray:
-        """∂x/∂q_a (m, p, n) at driven and passive positions (m, n) and (m, p)."""
+        """Return ∂x/∂q_a (m, p, n) at driven and passive positions (m, n) and (m, p)."""
         values = self._rates(np.ascontiguousarray(q), np.ascontiguousarray(x))
         return np.swapaxes(values.reshape(len(q), self.n, self.p), 1, 2)
 
     def accelerations_at(self, q: FloatArray, x: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        """ẍ (m, p) of driven motions q, dq, ddq (m, n) and passive positions x (m, p)."""
-        return self._accelerations(*(np.ascontiguousarray(one) for one in (q, x, dq, ddq)))
+        """Return ẍ (m, p) for driven motions q, dq, ddq (m, n) and passive positions x (m, p)."""
+        return self._accelerations(*(np.ascontiguousarray(signal) for signal in (q, x, dq, ddq)))
 
     def nearness(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """ln of the condition (m,) of ∂φ/∂x, and its slopes (m, n) over the driven positions q (m, n).
+        """Return how near postures are to singular ones: ln of the condition of ∂φ/∂x, and its gradient.
 
-        Where the loops are open or singular it is infinite, without a slope.
+        Parameters
+        ----------
+        q : ndarray (m, n)
+            Driven positions.
+
+        Returns
+        -------
+        values : ndarray (m,)
+            Infinite where the loops are open or singular.
+        slopes : ndarray (m, n)
+            ∂ values / ∂ q; zero where the value is infinite.
         """
         x = self.passive(q)
         gap, slopes = self.evaluated(q, x)
-        known = (np.abs(gap).max(axis=1) < CLOSED) & (condition_of(slopes) < SINGULAR)
-        left, values, right = np.linalg.svd(np.where(known[:, None, None], slopes, np.eye(self.p)))
+        regular = (np.abs(gap).max(axis=1) < CLOSED) & (condition_of(slopes) < SINGULAR)
+        left_vectors, values, right_vectors = np.linalg.svd(np.where(regular[:, None, None], slopes, np.eye(self.p)))
+        # The gradient of a singular value is u_kᵀ (dA) v_k, with the singular vectors u_k and v_k: differentiate the
+        # largest and the smallest one.
         bends = self._bends(np.ascontiguousarray(q), np.ascontiguousarray(x))
         bends = bends.reshape(len(q), self.n, self.p, self.p).swapaxes(2, 3)
 
         def slope_of(k: int) -> FloatArray:
-            """∂ ln σ_k / ∂q_a (m, n)."""
-            along = np.einsum("mi,mjik,mk->mj", left[:, :, k], bends, right[:, k])
+            """Return ∂ ln σ_k / ∂q_a (m, n)."""
+            along = np.einsum("mi,mjik,mk->mj", left_vectors[:, :, k], bends, right_vectors[:, k])
             return np.asarray(along / values[:, k, None])
 
-        found = np.where(known, np.log(values[:, 0] / values[:, -1]), np.inf)
-        return found, np.where(known[:, None], slope_of(0) - slope_of(-1), 0.0)
+        log_condition = np.where(regular, np.log(values[:, 0] / values[:, -1]), np.inf)
+        return log_condition, np.where(regular[:, None], slope_of(0) - slope_of(-1), 0.0)
 
     def passive(self, q: FloatArray) -> FloatArray:
-        """Passive coordinates (m, p) at driven positions (m, n)."""
+        """Return the passive coordinates (m, p) at driven positions (m, n)."""
         return self._passive(np.ascontiguousarray(q, dtype=np.float64))
 
     def movers(self, passive: int) -> tuple[int, ...]:
-        """The driven joints that a passive coordinate moves with."""
+        """Return the driven joints that a passive coordinate moves with."""
         return next((tuple(driven) for _, unknowns, driven in self.groups if passive in unknowns), ())
 
     def conditions(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Largest gap (m,) in m or rad, and the condition (m,) of ∂φ/∂x, at driven positions (m, n)."""
+        """Return the largest gap (m,) in m or rad and the condition (m,) of ∂φ/∂x at driven positions (m, n)."""
         gap, slopes = self.evaluated(q, self.passive(q))
         return np.abs(gap).max(axis=1), condition_of(slopes)
 
     def check(self) -> FloatArray:
-        """Close the loops from the start; the closed posture (n + p,).
+        """Check that the loops are well posed; return the closed posture (n + p,) near the start.
 
         Raises
         ------
         DynidentError
-            Loops that do not close (their gap at the start), have no driven joint, say the same thing twice, leave a
-            passive joint free, or are singular where they start.
+            Loops that do not close, have no driven joint, have dependent equations, leave a passive joint free, or are
+            singular at the start.
         """
         self._check_counts()
         posture = self.closed_start()
@@ -187,23 +215,25 @@ class Closure:
         return posture
 
     def postures(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Random driven positions (count, n) at which the loops are closed, far from singular, within the limits."""
-        kept: list[FloatArray] = []
-        while sum(map(len, kept)) < count:
+        """Return random driven positions (count, n) within the limits, with loops closed and far from singular."""
+        accepted: list[FloatArray] = []
+        while sum(map(len, accepted)) < count:
             q = rng.uniform(self.low, self.high, (2 * count, self.n))
             x, fine = self.follow(q)
             fine &= condition_of(self.evaluated(q, x)[1]) < FAR_FROM_SINGULAR
             self._check_reach(fine)
-            kept.append(q[fine])
-        return np.vstack(kept)[:count]
+            accepted.append(q[fine])
+        return np.vstack(accepted)[:count]
 
     def sampled(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Driven positions (m, n) and passive ones (m, p) of at most `count` closed postures within the limits.
+        """Return driven positions (m, n) and passive ones (m, p) of at most `count` closed postures in the limits.
 
         They are far from singular; some are near the start, some at the limits.
         """
         rng = np.random.default_rng(0)
         q = rng.uniform(self.low, self.high, (count, self.n))
+        # An eighth near the start and an eighth at the limits: a fit to uniform samples alone is worst at the border,
+        # which few of them come near.
         near, edge = slice(count // 8), slice(count // 8, count // 4)
         q[near] = self._posture[: self.n] + 0.3 * (q[near] - self._posture[: self.n])
         at_low, at_high = rng.uniform(size=(2, *q[edge].shape)) < 0.35
@@ -214,9 +244,15 @@ class Closure:
         return q[fine], x[fine]
 
     def follow(self, q: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Passive coordinates (m, p) on the straight ways from the start to q (m, n), and which did not get lost (m,).
+        """Follow the passive coordinates along straight lines from the start to driven positions q (m, n).
 
-        The branch is that of the start: Newton's method from the last posture, in small steps.
+        Newton's method goes on from the posture before in small steps, and so stays on the branch of the start.
+
+        Returns
+        -------
+        x : ndarray (m, p)
+        fine : bool ndarray (m,)
+            False where the path met a singular posture, left its branch, or did not close the loops.
         """
         posture = self._posture
         away = q - posture[: self.n]
@@ -225,21 +261,23 @@ class Closure:
         fine = np.ones(len(q), dtype=bool)
         for k in range(1, count + 1):
             here, before = posture[: self.n] + away * (k / count), x
+            # Two steps keep up on the way; the last posture is refined to rounding.
             for _ in range(2 if k < count else 5):
                 gap, slopes = self.evaluated(here, x)
                 good = condition_of(slopes) < SINGULAR
                 fine &= good
+                # Lost postures get a system that can be solved and moves nothing, so that the others can go on.
                 slopes[~fine] = np.eye(self.p)
                 gap[~fine] = 0.0
                 x = x - np.linalg.solve(slopes, gap[:, :, None])[:, :, 0]
-            # What leaps has left its branch.
+            # A posture that leaps has gone over to another branch.
             fine &= np.abs(x - before).max(axis=1) < _LEAP
         gap, slopes = self.evaluated(q, x)
         return x, fine & (np.abs(gap).max(axis=1) < _FOUND) & (condition_of(slopes) < SINGULAR)
 
     @cached_property
     def size(self) -> float:
-        """Length (m) that gaps are measured by."""
+        """Largest length (m) in the loops: the scale of gaps."""
         lengths = [float(np.linalg.norm(joint.placement[:3, 3])) for joint in self.joints]
         lengths += [float(np.linalg.norm(end.frame[:3, 3])) for loop in self.loops for end in loop.ends]
         return max(lengths, default=1.0) or 1.0
@@ -269,20 +307,21 @@ class Closure:
 
     @cached_property
     def _bends(self) -> Program:
-        """d(∂φ/∂x)/dq_a, each driven joint's p x p behind that of the one before."""
+        """d(∂φ/∂x)/dq_a along the closed loops: one p x p block after another, one for each driven joint."""
         free, rates = ca.vertcat(*self.symbols), self.rates(*self.symbols)
         ways = ca.vertcat(ca.SX.eye(self.n), rates)
         flat = ca.vec(ca.densify(self.slopes[1]))
-        made = [ca.jtimes(flat, free, ca.densify(ways[:, j])) for j in range(self.n)]
-        return Program(list(self.symbols), ca.densify(ca.vertcat(*made)))
+        derivatives = [ca.jtimes(flat, free, ca.densify(ways[:, j])) for j in range(self.n)]
+        return Program(list(self.symbols), ca.densify(ca.vertcat(*derivatives)))
 
     @cached_property
     def _passive(self) -> Program:
         return Program([self.symbols[0]], ca.densify(self.solution(self.symbols[0])[0]))
 
     def evaluated(self, q: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """φ (m, e) and ∂φ/∂x (m, e, p)."""
+        """Return φ (m, e) and ∂φ/∂x (m, e, p) at driven and passive positions q (m, n) and x (m, p)."""
         values = self._program(np.ascontiguousarray(q), np.ascontiguousarray(x))
+        # CasADi stores matrices by columns: φ first, then the columns of ∂φ/∂x.
         whole = values.reshape(len(q), 1 + self.p, -1)
         return whole[:, 0].copy(), np.swapaxes(whole[:, 1:], 1, 2).copy()
 
@@ -314,7 +353,7 @@ class Closure:
             )
 
     def _refuse_without_passive(self, loop: Loop, driven: list[int]) -> None:
-        """An equation of a loop that no passive joint can keep: of driven joints alone, or of none at all."""
+        """Raise the error of an equation without a passive joint: of driven joints alone, or of no joint at all."""
         if driven:
             names = listed(self.names[k] for k in driven)
             raise loop_error(
@@ -322,12 +361,12 @@ class Closure:
                 "many of its joints passive as it has equations.",
                 loop,
             )
-        own = set(self.rows_of(loop))
-        held = sorted({k for rows, unknowns, _ in self.groups if own & set(rows) for k in unknowns})
-        raise redundant(loop, len(own), len(held), listed(self.names[self.n + k] for k in held))
+        loop_rows = set(self.rows_of(loop))
+        held = sorted({k for rows, unknowns, _ in self.groups if loop_rows & set(rows) for k in unknowns})
+        raise redundant(loop, len(loop_rows), len(held), listed(self.names[self.n + k] for k in held))
 
     def _check_rank(self, posture: FloatArray) -> None:
-        """Raise where equations say the same thing twice wherever one looks."""
+        """Raise if equations are dependent in all postures nearby, not only at the start."""
         rng = np.random.default_rng(0)
         near = posture + 0.2 * rng.uniform(-1, 1, (20, len(posture)))
         _, slopes = self.evaluated(near[:, : self.n], near[:, self.n :])
@@ -344,12 +383,12 @@ class Closure:
                 )
 
     def closed_start(self) -> FloatArray:
-        """The posture (n + p,) in which the loops are closed with the driven joints at their start.
+        """Return the posture (n + p,) in which the loops are closed with the driven joints at their start.
 
         Raises
         ------
         DynidentError
-            There is none near the start (gap there, and at best).
+            If there is none near the start; the message has the gap there and the best one.
         """
         posture = self.start.copy()
         first, _ = self.evaluated(posture[None, : self.n], posture[None, self.n :])
@@ -358,6 +397,7 @@ class Closure:
             if np.abs(gap).max() < 1e-14 * max(1.0, self.size):
                 break
             move = np.linalg.lstsq(slopes[0], -gap[0], rcond=1e-10)[0]
+            # Newton's step, cut to half a radian (or metre): far from the solution a whole one leads anywhere.
             posture[self.n :] += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
         gap, _ = self.evaluated(posture[None, : self.n], posture[None, self.n :])
         if np.abs(gap).max() > CLOSED:
@@ -375,8 +415,8 @@ class Closure:
 
     @cached_property
     def groups(self) -> list[tuple[list[int], list[int], list[int]]]:
-        """Equations, passive coordinates and driven joints that hang together."""
-        over_driven, over_passive = (np.asarray(ca.DM(one.sparsity(), 1.0).full() != 0) for one in self.slopes)
+        """Groups of equations, passive coordinates and driven joints that are coupled with one another."""
+        over_driven, over_passive = (np.asarray(ca.DM(slope.sparsity(), 1.0).full() != 0) for slope in self.slopes)
         return hanging_together(over_driven, over_passive)
 
     def _check_reach(self, fine: BoolArray) -> None:
@@ -384,11 +424,11 @@ class Closure:
             raise hardly_reached(self.loops[0], int(np.count_nonzero(fine)), len(fine))
 
     def loop_of(self, row: int) -> Loop:
-        """The loop that an equation is of."""
+        """Return the loop that an equation belongs to."""
         return next(loop for loop in self.loops if row in self.rows_of(loop))
 
     def rows_of(self, loop: Loop) -> list[int]:
-        """Places of a loop's equations."""
+        """Return the places of a loop's equations in φ."""
         first = 0
         for other in self.loops:
             if other is loop:

@@ -1,4 +1,4 @@
-"""Which file a mesh's name in a description means."""
+"""Find the file that a mesh's name in a description means."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ _PREFIXES = ("package://", "model://", "file://")
 
 
 def mesh_file(uri: str, folders: Iterable[Path]) -> Path | None:
-    """The file that a mesh's name means, below one of the folders; `None` where there is none."""
-    return next((one for one in sought_files(uri, folders) if _is_file(one)), None)
+    """Return the file that a mesh's name means, below one of the folders; None if there is none."""
+    return next((path for path in sought_files(uri, folders) if _is_file(path)), None)
 
 
 def _is_file(path: Path) -> bool:
@@ -24,23 +24,24 @@ def _is_file(path: Path) -> bool:
 
 
 def sought_files(uri: str, folders: Iterable[Path]) -> list[Path]:
-    """The files that a mesh's name may mean, in the order in which they are looked for.
+    """Return the files that a mesh's name may mean, in the order of the search.
 
-    Of package://robot/meshes/x.stl both robot/meshes/x.stl and meshes/x.stl are looked for in the folders.
+    For package://robot/meshes/x.stl both robot/meshes/x.stl and meshes/x.stl are looked for in the folders.
     """
     packaged = not uri.startswith("file://") and any(uri.startswith(prefix) for prefix in _PREFIXES)
     name = uri
     for prefix in _PREFIXES:
         name = name.removeprefix(prefix)
-    path, given = Path(name), list(folders)
-    tried = [folder / part for folder in given for part in _tails(path, packaged)]
+    path, search_folders = Path(name), list(folders)
+    candidates = [folder / part for folder in search_folders for part in _tails(path, packaged)]
     # A description may come from anywhere: it opens no file outside of the folders that its user names.
-    if path.is_absolute() and any(path.resolve().is_relative_to(folder.resolve()) for folder in given):
-        tried.insert(0, path)
-    return tried
+    if path.is_absolute() and any(path.resolve().is_relative_to(folder.resolve()) for folder in search_folders):
+        candidates.insert(0, path)
+    return candidates
 
 
 def _tails(path: Path, packaged: bool) -> list[Path]:
+    # Without ".." and the root, a name cannot lead out of the folder that it is looked for in.
     parts = [part for part in path.parts if part not in ("/", "..")]
     if not parts:
         return []
@@ -48,12 +49,17 @@ def _tails(path: Path, packaged: bool) -> list[Path]:
 
 
 def placed_below(folder: Path, files: Mapping[str, Path]) -> None:
-    """Make links in a folder, so that `mesh_file` finds there the files of meshes (by name).
+    """Link the files of meshes into a folder, so that `mesh_file` finds them there.
+
+    Parameters
+    ----------
+    folder : Path
+    files : mapping of a mesh's name in the description to Path
 
     Raises
     ------
     DynidentError
-        No file can have the name of a mesh, beside those of the others.
+        If no file can have the name of a mesh, or two names exclude each other as files.
     """
     for uri, file in files.items():
         link = sought_files(uri, [folder])[0]
@@ -67,31 +73,44 @@ def placed_below(folder: Path, files: Mapping[str, Path]) -> None:
 
 
 def matched(uris: Iterable[str], names: Sequence[str]) -> dict[str, str]:
-    """Which of the files with these names (paths, or bare file names) is meant by each mesh's name, as far as any is.
+    """Match meshes of a description to files by their names.
 
-    A file is meant that has the same file name, the one with most folders in common, upper and lower case alike.
+    A file matches if it has the same file name, upper or lower case; of several the one with most folders in common.
+
+    Parameters
+    ----------
+    uris : iterable of str
+        Names of meshes in the description.
+    names : sequence of str
+        Paths or bare names of the files.
+
+    Returns
+    -------
+    dict of uri to name
+        Meshes without a file are left out.
 
     Raises
     ------
     DynidentError
-        Two files would do as well, or one without its folder for two meshes.
+        If two files match a mesh equally well, or a file matches two meshes equally well.
     """
-    found: dict[str, tuple[str, int]] = {}
+    best_match: dict[str, tuple[str, int]] = {}
     for uri in uris:
         path = sought_files(uri, [Path()])[:1]
+        # Zero means another file name: such a file never matches.
         likeness = [_in_common(path[0].as_posix(), name) if path else 0 for name in names]
         most = max(likeness, default=0)
         best = [name for name, value in zip(names, likeness, strict=True) if value == most > 0]
         if len(best) > 1:
             raise _doubtful(f"{listed(best)} may each be {uri}")
         if best:
-            found[uri] = best[0], most
-    return {uri: name for uri, (name, likeness) in found.items() if _is_meant(uri, name, likeness, found)}
+            best_match[uri] = best[0], most
+    return {uri: name for uri, (name, likeness) in best_match.items() if _is_meant(uri, name, likeness, best_match)}
 
 
-def _is_meant(uri: str, name: str, likeness: int, found: Mapping[str, tuple[str, int]]) -> bool:
-    """Whether no other mesh's name is more like a file's; raises where one is as much."""
-    others = {other: value for other, (file, value) in found.items() if file == name and other != uri}
+def _is_meant(uri: str, name: str, likeness: int, best_match: Mapping[str, tuple[str, int]]) -> bool:
+    """Return whether no other mesh matches a file better; raise if another matches it equally well."""
+    others = {other: value for other, (file, value) in best_match.items() if file == name and other != uri}
     if any(value > likeness for value in others.values()):
         return False
     alike = [other for other, value in others.items() if value == likeness]
@@ -100,10 +119,10 @@ def _is_meant(uri: str, name: str, likeness: int, found: Mapping[str, tuple[str,
     return True
 
 
-def _in_common(one: str, other: str) -> int:
-    """How many parts at the end two paths have in common."""
+def _in_common(first: str, second: str) -> int:
+    """Return how many parts two paths have in common, counted from the end."""
     number = 0
-    for a, b in zip(reversed(_parts(one)), reversed(_parts(other)), strict=False):
+    for a, b in zip(reversed(_parts(first)), reversed(_parts(second)), strict=False):
         if a != b:
             break
         number += 1
@@ -114,6 +133,6 @@ def _parts(path: str) -> tuple[str, ...]:
     return tuple(part.casefold() for part in PurePosixPath(path.replace("\\", "/")).parts)
 
 
-def _doubtful(what: str) -> DynidentError:
-    detail = f"{what}; send them with their folders, as the description has them"
+def _doubtful(problem: str) -> DynidentError:
+    detail = f"{problem}; send them with their folders, as the description has them"
     return DynidentError(detail, pointer="/files", title="Ambiguous mesh")

@@ -1,7 +1,7 @@
-"""Meshes in STL, OBJ, PLY and DAE as triangles. A file is read by itself: nothing that it names is opened.
+"""Read meshes in STL, OBJ, PLY and DAE as triangles. A file is read by itself: nothing that it names is opened.
 
-Libraries that read meshes know some fifty formats, tell them by their content, open the buffers, materials and
-archives that they name, and end the process at some damages. Files of meshes come from strangers.
+Mesh libraries are not used on purpose. They read some fifty formats, detect them by content, open the buffers,
+materials and archives that a file names, and some damaged files end the process. Mesh files come from strangers.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dynident.arrays import FloatArray
 from dynident.robot.collada import triangles_of_dae
 
 MOST_BYTES = 100 * 2**20
-"""Two million triangles. The meshes of arms have up to some ten thousand."""
+"""Largest file: two million triangles of a binary STL. The meshes of arms have some ten thousand at most."""
 _STL_HEAD, _STL_TRIANGLE = 84, 50
 _STL_KIND = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
@@ -36,11 +36,24 @@ _PLY_KINDS = {
 _PLY_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 
 Triangles = tuple[FloatArray, NDArray[np.intp]]
-"""Points (m, 3), and the places of the corners of triangles (k, 3) in their list."""
+"""Points (m, 3), and triangles (k, 3) as indices of points."""
 
 
 def read_triangles(file: Path) -> Triangles:
-    """Read the triangles of a mesh; points in one place are one, triangles without area at a corner are left out.
+    """Read the triangles of a mesh file.
+
+    Points in the same place become one, and triangles with two equal corners are left out.
+
+    Parameters
+    ----------
+    file : Path
+
+    Returns
+    -------
+    points : ndarray (m, 3)
+        In the unit of the file; in m for DAE.
+    triangles : ndarray (k, 3)
+        Indices of points.
 
     Raises
     ------
@@ -62,6 +75,7 @@ def read_triangles(file: Path) -> Triangles:
         raise ValueError("it has no triangles")
     if corners.min() < 0 or corners.max() >= len(points):
         raise ValueError(f"its triangles name corner {int(corners.max()) + 1} of {len(points)}")
+    # Drop points that no triangle uses, then merge equal ones: an STL repeats each corner for every triangle.
     used = np.unique(corners, return_inverse=True)
     points, places = np.unique(points[used[0]], axis=0, return_inverse=True)
     corners = places.reshape(-1)[used[1].reshape(corners.shape)]
@@ -76,7 +90,8 @@ def _read_stl(content: bytes) -> Triangles:
     count = int.from_bytes(content[_STL_HEAD - 4 : _STL_HEAD], "little")
     end = _STL_HEAD + _STL_TRIANGLE * count
     is_text = content.lstrip()[:5].lower() == b"solid"
-    # A binary file may begin with "solid" too; then its length tells.
+    # Text begins with "solid", but some programs begin binary files with it too. A length that fits the number of
+    # triangles tells these apart.
     if len(content) == end or (count and not is_text and len(content) > end):
         triangles = np.frombuffer(content, dtype=_STL_KIND, count=count, offset=_STL_HEAD)
         points = triangles["corners"].reshape(-1, 3)
@@ -99,15 +114,15 @@ def _read_obj(content: bytes) -> Triangles:
                 raise ValueError(f"it is no OBJ: a corner is {line[:80].decode('latin-1')!a}")
             points += words[1:4]
         elif words[:1] == [b"f"]:
-            # Counted from 1; from the end where they are negative.
+            # OBJ counts corners from 1, and from the last one backward where the number is negative.
             places = [int(word.partition(b"/")[0]) for word in words[1:]]
             faces.append([place - 1 if place > 0 else len(points) // 3 + place for place in places])
     return _numbers(points).reshape(-1, 3), fan(faces)
 
 
 def _read_ply(content: bytes) -> Triangles:
-    head, found, body = content.partition(b"end_header")
-    if content[:3] != b"ply" or not found:
+    head, end_marker, body = content.partition(b"end_header")
+    if content[:3] != b"ply" or not end_marker:
         raise ValueError("it is no PLY: it has no header")
     lines = [line.decode("latin-1").split() for line in _LINE_END.split(head)]
     order = _PLY_ORDERS.get(next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), ""))
@@ -117,7 +132,7 @@ def _read_ply(content: bytes) -> Triangles:
     rows: Any = _TextRows(body) if order == "" else _BinaryRows(body[end.end() if end else 0 :], order)
     points, faces = np.empty((0, 3)), np.empty((0, 3), dtype=np.intp)
     for name, count, properties in _ply_elements(lines):
-        # A row takes one byte at the least.
+        # A row takes at least one byte. Checked before reading, because memory is allocated for what the header claims.
         if count > len(content) or not properties:
             raise ValueError(f"its header names {count} of {name!a}, more than the file can hold")
         columns = rows.read(count, properties)
@@ -153,7 +168,7 @@ def _ply_elements(lines: Sequence[Sequence[str]]) -> list[tuple[str, int, list[_
 
 
 class _TextRows:
-    """The rows of a PLY that is written out."""
+    """The rows of a PLY file in text form."""
 
     def __init__(self, body: bytes) -> None:
         self._words, self._at = body.split(), 0
@@ -181,7 +196,7 @@ class _TextRows:
 
 
 class _BinaryRows:
-    """The rows of a binary PLY."""
+    """The rows of a binary PLY file."""
 
     def __init__(self, body: bytes, order: str) -> None:
         self._body, self._at, self._order = body, 0, order
@@ -210,7 +225,7 @@ class _BinaryRows:
 
 
 def fan(faces: Sequence[Sequence[int]]) -> NDArray[np.intp]:
-    """Triangles (k, 3) of faces with three corners or more, each from its first corner; those with fewer are none."""
+    """Return the triangles (k, 3) of faces as fans about their first corners; faces below three corners have none."""
     triangles = [(face[0], face[k], face[k + 1]) for face in faces for k in range(1, len(face) - 1)]
     return np.array(triangles, dtype=np.intp).reshape(-1, 3)
 

@@ -1,4 +1,4 @@
-"""Meshes of a link as a few convex pieces."""
+"""Read meshes of links and enclose them by a few convex pieces."""
 
 from __future__ import annotations
 
@@ -18,15 +18,27 @@ _MOST_SLICES = 3
 _WORTH_SLICING = 0.95
 """A finer slicing must bring the volume of the capsules around the slices down to this share."""
 _LARGEST = 1e6
-"""m: no machine is that large; squares and cubes of such lengths are numbers still."""
+"""Largest coordinate in m: no machine is that large, and squares and cubes of it are still finite."""
 _THIN = 1e-4
-"""m: what is thinner is flat."""
+"""Thickness in m below which a piece counts as flat."""
 
 
 def surface_of_mesh(file: Path, scale: FloatArray, placement: FloatArray) -> Surface:
-    """A mesh as it is, scaled (3,) and placed by `placement` (4, 4): STL, OBJ, PLY or DAE, by the ending of its name.
+    """Read a mesh file (STL, OBJ, PLY or DAE, by the ending of its name) as a surface.
 
     Nothing but the file is read, whatever it names.
+
+    Parameters
+    ----------
+    file : Path
+    scale : ndarray (3,)
+        Factors along the axes of the mesh.
+    placement : ndarray (4, 4)
+        Transform of the scaled mesh (m).
+
+    Returns
+    -------
+    Surface
 
     Raises
     ------
@@ -42,13 +54,14 @@ def surface_of_mesh(file: Path, scale: FloatArray, placement: FloatArray) -> Sur
 
 
 def hulls_of(surface: Surface) -> tuple[Hull | Block, ...]:
-    """Convex pieces that enclose a surface: slices across a principal axis, where these fit closer than one hull."""
+    """Return convex pieces that enclose a surface: slices across a principal axis if they fit closer than one hull."""
     return tuple(_body(piece) for piece in sliced(surface.points, surface.triangles))
 
 
 def _body(points: FloatArray) -> Hull | Block:
-    """The convex hull of points (m, 3), or the box around them where they are flat: a hull needs a volume."""
+    """Return the convex hull of points (m, 3), or the box around them if they are flat: a hull needs a volume."""
     middle = points.mean(axis=0)
+    # The three rows of zeros give all three principal axes, however few points there are.
     axes = np.linalg.svd(np.vstack([points - middle, np.zeros((3, 3))]))[2]
     axes[2] *= np.sign(np.linalg.det(axes))
     along = (points - middle) @ axes.T
@@ -62,11 +75,12 @@ def _body(points: FloatArray) -> Hull | Block:
 
 
 def sliced(points: FloatArray, triangles: NDArray[np.intp]) -> list[FloatArray]:
-    """Corners of the convex pieces of a mesh: points (m, 3), triangles (k, 3)."""
+    """Return the corners of the convex pieces of a mesh with points (m, 3) and triangles (k, 3)."""
     used = np.unique(triangles)
     axes = np.linalg.svd(points[used] - points[used].mean(axis=0), full_matrices=False)[2]
     best = [_hull(points[used])]
     least = _volume(best)
+    # Compare by the volume of the enclosing capsules, since these are what distances are computed between.
     for count in range(2, _MOST_SLICES + 1):
         for axis in axes:
             pieces = [_hull(piece) for piece in _slices(points, triangles, axis, count) if len(piece)]
@@ -77,19 +91,19 @@ def sliced(points: FloatArray, triangles: NDArray[np.intp]) -> list[FloatArray]:
 
 
 def _slices(points: FloatArray, triangles: NDArray[np.intp], axis: FloatArray, count: int) -> list[FloatArray]:
-    """Points of the surface in each of `count` slices: corners inside, and where edges cross the slices' borders."""
+    """Return the points of the surface in each of `count` slices: corners inside, and edges cut at the borders."""
     along = points @ axis
     borders = np.linspace(along.min(), along.max(), count + 1)
     edges = np.unique(
         np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])), axis=0
     )
     used = np.unique(triangles)
-    made = []
+    slices = []
     for low, high in itertools.pairwise(borders):
         inside = points[used[(along[used] >= low) & (along[used] <= high)]]
         crossing = [_crossings(points, along, edges, border) for border in (low, high)]
-        made.append(np.concatenate([inside, *crossing]))
-    return made
+        slices.append(np.concatenate([inside, *crossing]))
+    return slices
 
 
 def _crossings(points: FloatArray, along: FloatArray, edges: NDArray[np.intp], border: float) -> FloatArray:
@@ -97,12 +111,12 @@ def _crossings(points: FloatArray, along: FloatArray, edges: NDArray[np.intp], b
     crossed = (along[a] - border) * (along[b] - border) < 0
     a, b = a[crossed], b[crossed]
     share = (border - along[a]) / (along[b] - along[a])
-    found: FloatArray = points[a] + share[:, None] * (points[b] - points[a])
-    return found
+    intersections: FloatArray = points[a] + share[:, None] * (points[b] - points[a])
+    return intersections
 
 
 def _hull(points: FloatArray) -> FloatArray:
-    """The corners of the convex hull; all points where they are flat."""
+    """Return the corners of the convex hull, or all points if they are flat."""
     try:
         corners: FloatArray = points[ConvexHull(points).vertices]
     except QhullError:

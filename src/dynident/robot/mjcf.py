@@ -1,4 +1,4 @@
-"""Robots from MJCF, compiled by MuJoCo: its tree, and what `equality` holds together in it."""
+"""Read robots from MJCF, compiled by MuJoCo: the tree of joints, and the ties and loops that `equality` makes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _NUMBERS = (
     *("body_pos", "body_quat", "body_mass", "body_ipos", "body_iquat", "body_inertia"),
     *("jnt_pos", "jnt_axis", "qpos0", "site_pos", "site_quat"),
 )
-"""What a robot is made of, as MuJoCo names it."""
+"""Arrays of the compiled model that a robot is built from; all their numbers are checked."""
 
 
 def robot_from_mjcf(
@@ -48,33 +48,40 @@ def robot_from_mjcf(
 ) -> Robot:
     """Return the robot that an MJCF describes, on a fixed base.
 
-    Hinges and slides move. What `equality` says counts: a `joint` or a fixed `tendon` ties joints, `connect` and
-    `weld` close loops. Joints in loops are driven where an actuator acts on them, and passive otherwise; equations
-    that say again what others say, as the third of a `connect` in a plane, are left out. The posture that loops start
-    from is that of the first key frame, or that of the file. Damping, friction, armature, springs, contacts and looks
-    are not read: the first ones are what is identified.
+    Hinges and slides move. Equalities count: a `joint` or a fixed `tendon` ties joints, `connect` and `weld` close
+    loops. Joints in loops are driven if an actuator acts on them, and passive otherwise. Equations that follow from
+    others, as the third one of a `connect` in a plane, are left out. Loops start from the posture of the first key
+    frame, or from that of the file. Damping, friction, armature, springs, contacts and visual elements are not read:
+    the first ones are what is identified.
 
     Parameters
     ----------
     name, text : str
         Name of the robot; the MJCF, one file with all that it needs.
     limits, drives, locked_joints, gravity, pointer
-        As for `robot_from_urdf`; gravity is else that of `<option>`.
+        As for `robot_from_urdf`; the default of gravity is that of `<option>`.
+
+    Returns
+    -------
+    Robot
 
     Raises
     ------
     DynidentError
-        MuJoCo is not installed or does not take the text (line), the machine is not a tree of such joints on a fixed
-        base, an equality is not linear, or its loops do not close or do not determine the passive joints.
+        If MuJoCo is not installed or does not accept the text (line), the machine is not a tree of such joints on a
+        fixed base, an equality is not linear, or loops do not close or do not determine the passive joints.
     """
     root, clamped = parse_mjcf(text, pointer, locked_joints or {})
     compiled = _compiled(root, pointer)
-    stated = settings_from(limits, drives, locked_joints, compiled.opt.gravity if gravity is None else gravity)
+    user_settings = settings_from(limits, drives, locked_joints, compiled.opt.gravity if gravity is None else gravity)
     lines = {child.attributes["name"]: child.line for part in root.all("equality") for child in part.children}
     model, links = _tree(compiled, name, pointer)
     held = held_by(compiled, lines, pointer)
-    fixed = {**held.fixed, **{joint: at for joint, at in stated.locked_joints.items() if joint not in clamped}}
-    settings = replace(stated, locked_joints=followers_locked(held.ties, fixed))
+    fixed = {
+        **held.fixed,
+        **{joint: position for joint, position in user_settings.locked_joints.items() if joint not in clamped},
+    }
+    settings = replace(user_settings, locked_joints=followers_locked(held.ties, fixed))
     tree = from_pinocchio(
         model,
         name,
@@ -83,13 +90,13 @@ def robot_from_mjcf(
         DescribedJoints(dict(_limits(compiled)), links),
         pointer=pointer,
     )
-    tree = replace(tree, locked_joints=dict(stated.locked_joints))
+    tree = replace(tree, locked_joints=dict(user_settings.locked_joints))
     cuts = _cuts(held, locked(model, settings.locked_joints), tree, pointer)
     return linked(tree, held.ties, title=TITLE, locked=settings.locked_joints, cuts=cuts)
 
 
 def _compiled(root: Element, pointer: str) -> mujoco.MjModel:
-    """The `mujoco.MjModel` of the reduced text."""
+    """Compile the reduced text with MuJoCo and check the numbers of the result."""
     try:
         import mujoco
     except ModuleNotFoundError as error:
@@ -102,7 +109,7 @@ def _compiled(root: Element, pointer: str) -> mujoco.MjModel:
         raise mjcf_error(f"MuJoCo does not take the model: {detail}", None, pointer) from error
     for name in _NUMBERS:
         values = getattr(compiled, name)
-        # Not a number is not below it either.
+        # Negated, so that NaN is refused as well: no comparison with NaN is true.
         if not (np.abs(values) <= LARGEST).all():
             detail = f"MuJoCo makes {values.ravel()[np.argmin(np.abs(values.ravel()) <= LARGEST)]:g} of a number"
             raise mjcf_error(f"{detail} ({name}); lengths, masses and inertias are in m, kg and kg m².", None, pointer)
@@ -110,12 +117,14 @@ def _compiled(root: Element, pointer: str) -> mujoco.MjModel:
 
 
 def _tree(compiled: mujoco.MjModel, name: str, pointer: str) -> tuple[pin.Model, dict[str, str]]:
-    """The joints of a compiled model, with frames of its bodies and sites ("body 3", "site 0"), and the bodies that
-    joints move by their names."""
+    """Return the joints of a compiled model as a Pinocchio model, and the name of the body that each joint moves.
+
+    The model has a frame for every body and site, called "body 3" or "site 0".
+    """
     model = pin.Model()
     model.name = name
     links: dict[str, str] = {}
-    # Of every body the joint that carries it, and its placement in that joint's frame.
+    # For every body, the joint that carries it and its placement in that joint's frame. MuJoCo orders parents first.
     carried: list[tuple[int, pin.SE3]] = [(0, pin.SE3.Identity())]
     kinds = {2: pin.JointModelPrismaticUnaligned, 3: pin.JointModelRevoluteUnaligned}
     for body in range(1, compiled.nbody):
@@ -125,6 +134,8 @@ def _tree(compiled: mujoco.MjModel, name: str, pointer: str) -> tuple[pin.Model,
             called, axis = compiled.joint(j).name, _unit(compiled.jnt_axis[j])
             if called in _RESERVED:
                 raise mjcf_error(f"A joint cannot be called '{called}'; that is the fixed base.", None, pointer)
+            # A body may have several joints, one behind the other. Each has its own anchor in the body, and the file
+            # shows the body at qpos0, so that the frame at q = 0 is turned back by that.
             anchor = pin.SE3(np.eye(3), compiled.jnt_pos[j])
             turned = _moved(compiled.jnt_type[j], axis, -compiled.qpos0[compiled.jnt_qposadr[j]])
             joint = model.addJoint(joint, kinds[int(compiled.jnt_type[j])](axis), place * anchor * turned, called)
@@ -134,6 +145,8 @@ def _tree(compiled: mujoco.MjModel, name: str, pointer: str) -> tuple[pin.Model,
         carried.append((joint, place))
         if joint and compiled.body_mass[body] > 0:
             rotation = _placement(compiled.body_ipos[body], compiled.body_iquat[body]).rotation
+            # MuJoCo states inertias about the centre of mass along principal axes. Average with the transposed tensor:
+            # rounding makes it slightly asymmetric.
             tensor = rotation @ np.diag(compiled.body_inertia[body]) @ rotation.T
             inertia = pin.Inertia(float(compiled.body_mass[body]), compiled.body_ipos[body], 0.5 * (tensor + tensor.T))
             model.appendBodyToJoint(joint, inertia, place)
@@ -156,14 +169,14 @@ def _unit(axis: FloatArray) -> FloatArray:
 
 
 def _moved(kind: int, axis: FloatArray, distance: float) -> pin.SE3:
-    """What a hinge (3) or slide (2) does to what it carries."""
+    """Return the motion of a hinge (3) or slide (2) by a distance along or about its axis."""
     if kind == 3:
         return pin.SE3(pin.exp3(distance * axis), np.zeros(3))
     return pin.SE3(np.eye(3), distance * axis)
 
 
 def _limits(compiled: mujoco.MjModel) -> Iterator[tuple[str, Limits]]:
-    """Range of every joint, and the largest torque of the actuators that act on it by themselves, if all have one."""
+    """Yield the range of every joint, and its largest torque if all actuators that act on it directly have a limit."""
     efforts: dict[int, float] = {}
     unlimited: set[int] = set()
     for k in range(compiled.nu):
@@ -173,6 +186,7 @@ def _limits(compiled: mujoco.MjModel) -> Iterator[tuple[str, Limits]]:
         bounds = []
         if compiled.actuator_forcelimited[k]:
             bounds.append(np.abs(compiled.actuator_forcerange[k]).max())
+        # Only where force = gain x control (fixed gain, no bias) does the range of the control limit the force.
         plain = compiled.actuator_gaintype[k] == 0 and compiled.actuator_biastype[k] == 0
         if compiled.actuator_ctrllimited[k] and plain:
             bounds.append(np.abs(compiled.actuator_ctrlrange[k] * compiled.actuator_gainprm[k, 0]).max())
@@ -183,26 +197,30 @@ def _limits(compiled: mujoco.MjModel) -> Iterator[tuple[str, Limits]]:
     for j in range(compiled.njnt):
         effort = None if j in unlimited else efforts.get(j)
         if compiled.jnt_actfrclimited[j]:
-            own = float(np.abs(compiled.jnt_actfrcrange[j]).max())
-            effort = own if effort is None else min(effort, own)
+            joint_effort = float(np.abs(compiled.jnt_actfrcrange[j]).max())
+            effort = joint_effort if effort is None else min(effort, joint_effort)
         low, high = compiled.jnt_range[j]
         bounded = bool(compiled.jnt_limited[j]) and low < high
         yield compiled.joint(j).name, Limits((float(low), float(high)) if bounded else None, effort=effort)
 
 
 def _cuts(held: Held, model: pin.Model, tree: Robot, at: str) -> Cuts:
-    """The loops between joints of the tree that `model` has become, and which of their joints are passive."""
+    """Return the loops between joints of the tree, and which of their joints are passive."""
     loops: list[Loop] = []
     inside: set[int] = set()
-    for one in held.loops:
-        first, second = (_end(model, frame, place) for frame, place in one.ends)
+    for coincidence in held.loops:
+        first, second = (_end(model, frame, place) for frame, place in coincidence.ends)
         if first.joint == second.joint:
-            apart = float(np.abs(first.frame[:3, 3] - second.frame[:3, 3]).max())
-            if apart > CLOSED:
-                detail = f"Both frames of '{one.name}' are on the same body, {apart:.3g} m apart; they never coincide."
-                raise mjcf_error(detail, one.line, at)
+            distance = float(np.abs(first.frame[:3, 3] - second.frame[:3, 3]).max())
+            if distance > CLOSED:
+                detail = (
+                    f"Both frames of '{coincidence.name}' are on the same body, {distance:.3g} m apart; they never "
+                    "coincide."
+                )
+                raise mjcf_error(detail, coincidence.line, at)
             continue
-        loops.append(Loop(one.name, one.kind, (first, second), at, one.line))
+        loops.append(Loop(coincidence.name, coincidence.kind, (first, second), at, coincidence.line))
+        # The joints of a loop are those that move one of its ends but not the other.
         inside |= set(tree.ancestors(first.joint)) ^ set(tree.ancestors(second.joint))
     names = [tree.joint_names[j] for j in sorted(inside)]
     if loops and not any(name in held.driven or name in held.ties for name in names):
@@ -216,5 +234,5 @@ def _cuts(held: Held, model: pin.Model, tree: Robot, at: str) -> Cuts:
 
 
 def _end(model: pin.Model, frame: str, place: pin.SE3) -> End:
-    found = model.frames[model.getFrameId(frame)]
-    return End(found.parentJoint - 1, (found.placement * place).homogeneous)
+    model_frame = model.frames[model.getFrameId(frame)]
+    return End(model_frame.parentJoint - 1, (model_frame.placement * place).homogeneous)

@@ -1,4 +1,4 @@
-"""What holds an MJCF's joints together: its equalities as ties and cut loops, and which joints are driven."""
+"""Read the equalities of an MJCF as ties and cut loops, and find which joints are driven."""
 
 from __future__ import annotations
 
@@ -34,10 +34,19 @@ class Coincidence:
 
 @dataclass(frozen=True)
 class Held:
-    """Equalities of a model.
+    """Constraints between the joints of a model.
 
-    `ties` say which joints follow others, `fixed` which stand still, and where (rad, m). `driven` are the joints that
-    an actuator acts on. `starts` are the positions of the first key frame, or those that the file is drawn in.
+    Attributes
+    ----------
+    ties : mapping of joint name to Tie
+        Joints that follow others.
+    fixed : mapping of joint name to position
+        Joints that stand still (rad, m).
+    loops : tuple of Coincidence
+    driven : frozenset of str
+        Joints that an actuator acts on and that follow no others.
+    starts : mapping of joint name to position
+        The first key frame, or the posture in which the file is written.
     """
 
     ties: Mapping[str, Tie]
@@ -57,7 +66,14 @@ class _Linear:
 
 
 def held_by(compiled: mujoco.MjModel, lines: Mapping[str, int], pointer: str) -> Held:
-    """Read the equalities that are active; `lines` are those of the text by their names.
+    """Read the active equalities of a compiled model.
+
+    Parameters
+    ----------
+    compiled : mujoco.MjModel
+    lines : mapping of an equality's name to its line in the text
+    pointer : str
+        Where the text is in the user's request.
 
     Raises
     ------
@@ -85,11 +101,11 @@ def _coincidence(compiled: mujoco.MjModel, k: int, name: str, line: int) -> Coin
     ids, data = (compiled.eq_obj1id[k], compiled.eq_obj2id[k]), compiled.eq_data[k]
     kind: LoopKind = "point" if compiled.eq_type[k] == _CONNECT else "full"
     if compiled.eq_objtype[k] == _SITE:
-        ends = [(f"site {one}", pin.SE3.Identity()) for one in ids]
+        ends = [(f"site {object_id}", pin.SE3.Identity()) for object_id in ids]
     elif kind == "point":
-        ends = [(f"body {one}", _at(data[3 * side : 3 * side + 3])) for side, one in enumerate(ids)]
+        ends = [(f"body {object_id}", _at(data[3 * side : 3 * side + 3])) for side, object_id in enumerate(ids)]
     else:
-        # The second body's frame as it is held in the first one's, and the point of the second that this is said of.
+        # data[3:10] is the pose of the second body in the first one's frame, data[:3] the anchor in the second body.
         turn = pin.Quaternion(*map(float, data[6:10])).normalized().matrix()
         ends = [(f"body {ids[0]}", pin.SE3(turn, data[3:6].copy())), (f"body {ids[1]}", _at(data[:3]))]
     return Coincidence(name, kind, (ends[0], ends[1]), line)
@@ -100,27 +116,28 @@ def _at(place: FloatArray) -> pin.SE3:
 
 
 def _linear(compiled: mujoco.MjModel, k: int, line: int, pointer: str) -> _Linear:
-    """q₁ - r₁ = a₀ + a₁ (q₂ - r₂) of joints or tendons, r where the file is drawn."""
+    """Return the equation q₁ - r₁ = a₀ + a₁ (q₂ - r₂) of joints or tendons, with r the positions in the file."""
     tied, data = int(compiled.eq_type[k]) == _TENDON, compiled.eq_data[k]
     if np.any(data[2:5]):
         raise mjcf_error(
-            f"polycoef of the equality '{compiled.equality(k).name}' is {listed(f'{one:g}' for one in data[:5])}; only "
-            "the first two, a constant and a ratio, can be other than 0.",
+            f"polycoef of the equality '{compiled.equality(k).name}' is "
+            f"{listed(f'{coefficient:g}' for coefficient in data[:5])}; only the first two, a constant and a ratio, "
+            "can be other than 0.",
             line,
             pointer,
         )
-    ids = [int(one) for one in (compiled.eq_obj1id[k], compiled.eq_obj2id[k])]
-    sides = [_lengths(compiled, one, tied) if one >= 0 else ({}, 0.0) for one in ids]
-    (first, at), (second, other) = sides
+    ids = [int(object_id) for object_id in (compiled.eq_obj1id[k], compiled.eq_obj2id[k])]
+    sides = [_lengths(compiled, object_id, tied) if object_id >= 0 else ({}, 0.0) for object_id in ids]
+    (first, drawn_first), (second, drawn_second) = sides
     ratios = dict(first)
     for joint, ratio in second.items():
         ratios[joint] = ratios.get(joint, 0.0) - float(data[1]) * ratio
     ratios = {joint: ratio for joint, ratio in ratios.items() if ratio}
-    return _Linear(ratios, float(data[0]) + at - float(data[1]) * other, line)
+    return _Linear(ratios, float(data[0]) + drawn_first - float(data[1]) * drawn_second, line)
 
 
 def _lengths(compiled: mujoco.MjModel, index: int, tendon: bool) -> tuple[dict[str, float], float]:
-    """A joint, or the joints of a fixed tendon, with their ratios, and how long that is where the file is drawn."""
+    """Return the ratios of a joint (1) or of the joints of a fixed tendon, and the length at the file's positions."""
     if not tendon:
         return {compiled.joint(index).name: 1.0}, float(compiled.qpos0[compiled.jnt_qposadr[index]])
     first = compiled.tendon_adr[index]
@@ -134,7 +151,7 @@ def _lengths(compiled: mujoco.MjModel, index: int, tendon: bool) -> tuple[dict[s
 
 
 def _actuated(compiled: mujoco.MjModel) -> tuple[set[str], set[str]]:
-    """Joints that an actuator acts on by itself, and by way of a tendon."""
+    """Return the joints that an actuator acts on directly, and those that it acts on through a tendon."""
     directly: set[str] = set()
     by_tendon: set[str] = set()
     for k in range(compiled.nu):
@@ -149,24 +166,26 @@ def _actuated(compiled: mujoco.MjModel) -> tuple[set[str], set[str]]:
 def _followers(
     linear: list[_Linear], directly: set[str], by_tendon: set[str], pointer: str
 ) -> tuple[dict[str, Tie], dict[str, float]]:
-    """Which joint of each equation follows the others: the first that no actuator acts on."""
+    """Choose for each equation the joint that follows the others: the first that no actuator acts on."""
     ties: dict[str, Tie] = {}
     fixed: dict[str, float] = {}
-    for one in linear:
-        if len(one.ratios) == 1:
-            [(joint, ratio)] = one.ratios.items()
-            fixed[joint] = one.value / ratio
+    for equation in linear:
+        if len(equation.ratios) == 1:
+            [(joint, ratio)] = equation.ratios.items()
+            fixed[joint] = equation.value / ratio
             continue
-        free = [joint for joint in one.ratios if joint not in ties and joint not in directly]
+        # Prefer a joint without any actuator. A joint in a driven tendon may follow too: the tendon then acts through
+        # its other joints.
+        free = [joint for joint in equation.ratios if joint not in ties and joint not in directly]
         follower = next((joint for joint in free if joint not in by_tendon), free[0] if free else "")
         if not follower:
             raise mjcf_error(
-                f"An equality ties {listed(one.ratios)}, and each of them has an actuator or follows others already; "
-                "leave one of them without, so that it can follow.",
-                one.line,
+                f"An equality ties {listed(equation.ratios)}, and each of them has an actuator or follows others "
+                "already; leave one of them without, so that it can follow.",
+                equation.line,
                 pointer,
             )
-        own = one.ratios[follower]
-        others = {joint: -ratio / own for joint, ratio in one.ratios.items() if joint != follower}
-        ties[follower] = Tie(others, one.value / own, pointer, one.line)
+        ratio_of_follower = equation.ratios[follower]
+        others = {joint: -ratio / ratio_of_follower for joint, ratio in equation.ratios.items() if joint != follower}
+        ties[follower] = Tie(others, equation.value / ratio_of_follower, pointer, equation.line)
     return ties, fixed

@@ -1,4 +1,4 @@
-"""Reads the XML of an MJCF file with line numbers, and keeps what the dynamics need: no looks, contacts or files."""
+"""Read the XML of an MJCF with line numbers, reduced to what the dynamics need: no visuals, contacts or files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MOST_BODIES = 2000
 _BODY = ("body", "frame", "joint", "inertial", "geom", "site")
 _DRIVES = ("motor", "general", "position", "velocity", "intvelocity", "damper")
 _ALIKE = ("cylinder", "muscle", "adhesion", "plugin", "dcmotor")
-"""Actuators of which only the joint that they move is read."""
+"""Actuators of which only the joint or tendon that they act on is read."""
 _KEPT = {
     "mujoco": ("compiler", "option", "default", "worldbody", "equality", "tendon", "actuator", "keyframe"),
     "default": ("default", "joint", "geom", "site", *_DRIVES),
@@ -39,29 +39,42 @@ _ATTRIBUTES = {
     "key": ("name", "qpos"),
     **dict.fromkeys(_DRIVES, (*_DRIVE, "ctrlrange", "ctrllimited")),
 }
-"""Attributes that are kept; all of them of other elements."""
+"""Attributes that are kept of these elements; other elements keep all of theirs."""
 _MAKES_MORE = ("include", "replicate", "composite", "flexcomp", "attach")
 
 _Fail = Callable[[str, int], DynidentError]
 
 
 def mjcf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
-    """Error that names the line."""
+    """Return an error that names the line."""
     return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=TITLE)
 
 
 def parse_mjcf(text: str, pointer: str, locked: Mapping[str, float]) -> tuple[Element, frozenset[str]]:
-    """Return the root element `<mujoco>` reduced to bodies, joints, inertias, equalities, tendons and actuators.
+    """Return the root element reduced to bodies, joints, inertias, equalities, tendons and actuators.
 
-    Bodies, joints and equalities without a name are given one. Geometry stays where the mass of a body comes from it.
-    Free and ball joints that are `locked` at 0 are left out, since the body is held there as in a stand; returns their
-    names, too.
+    Bodies, joints and equalities without a name get one. Geometry stays where the mass of a body comes from it.
+
+    Parameters
+    ----------
+    text : str
+    pointer : str
+        Where the text is in the user's request.
+    locked : mapping of joint name to position
+        Free and ball joints that are locked at 0 are removed: their body is held there, as in a stand.
+
+    Returns
+    -------
+    root : Element
+        `<mujoco>`.
+    clamped : frozenset of str
+        Names of the free and ball joints that were removed.
 
     Raises
     ------
     DynidentError
-        The text is not XML (line and column), its root is another element, elements that bring in others are not
-        written out, a body floats or hangs on a ball joint, or its mass comes from a file (line).
+        The text is not XML (line and column), its root is another element, elements that include others are not
+        expanded, a body floats or hangs on a ball joint, or its mass comes from a file (line).
     """
 
     def fail(detail: str, line: int | None) -> DynidentError:
@@ -93,7 +106,7 @@ def parse_mjcf(text: str, pointer: str, locked: Mapping[str, float]) -> tuple[El
     if not bodies:
         raise fail("The model has no <body>.", root.line)
     _name_all(reduced)
-    from_shapes = any(one.attributes.get("inertiafromgeom") == "true" for one in reduced.all("compiler"))
+    from_shapes = any(compiler.attributes.get("inertiafromgeom") == "true" for compiler in reduced.all("compiler"))
     clamped: frozenset[str] = frozenset()
     for world in reduced.all("worldbody"):
         clamped |= _hold_clamped(world, locked, fail)
@@ -112,11 +125,11 @@ def _all(element: Element) -> Iterator[Element]:
 
 
 def _reduced(element: Element) -> Element:
-    """The element with the children and attributes that are kept; drives of rarer kinds become general ones."""
-    kept = _ATTRIBUTES.get("general" if element.tag in _ALIKE else element.tag)
+    """Return the element with the children and attributes that are kept; rarer actuators become general ones."""
+    allowed = _ATTRIBUTES.get("general" if element.tag in _ALIKE else element.tag)
     attributes = element.attributes
-    if kept is not None:
-        attributes = {name: value for name, value in attributes.items() if name in kept}
+    if allowed is not None:
+        attributes = {name: value for name, value in attributes.items() if name in allowed}
     if element.tag in _ALIKE:
         attributes = {name: attributes[name] for name in ("name", "joint", "tendon") if name in attributes}
     tags = _KEPT.get(element.tag, ())
@@ -125,16 +138,16 @@ def _reduced(element: Element) -> Element:
 
 
 def _name_all(root: Element) -> None:
-    taken = {element.attributes["name"] for element in _all(root) if "name" in element.attributes}
+    used_names = {element.attributes["name"] for element in _all(root) if "name" in element.attributes}
 
-    def name(element: Element, wanted: str) -> str:
+    def name(element: Element, base_name: str) -> str:
         if not element.attributes.get("name"):
-            count, called = 1, wanted
-            while called in taken:
+            count, candidate = 1, base_name
+            while candidate in used_names:
                 count += 1
-                called = f"{wanted}{count}"
-            element.attributes["name"] = called
-            taken.add(called)
+                candidate = f"{base_name}{count}"
+            element.attributes["name"] = candidate
+            used_names.add(candidate)
         return element.attributes["name"]
 
     def walk(element: Element, body: str) -> None:
@@ -158,8 +171,10 @@ def _is_of_more_freedoms(joint: Element) -> bool:
 
 
 def _hold_clamped(element: Element, locked: Mapping[str, float], fail: _Fail) -> frozenset[str]:
-    """Leave out free and ball joints that are locked at 0; returns their names."""
-    clamped = [one for one in element.children if _is_of_more_freedoms(one) and one.attributes["name"] in locked]
+    """Remove free and ball joints that are locked at 0, and return their names."""
+    clamped = [
+        joint for joint in element.children if _is_of_more_freedoms(joint) and joint.attributes["name"] in locked
+    ]
     for joint in clamped:
         name = joint.attributes["name"]
         if locked[name] != 0.0:
@@ -171,39 +186,43 @@ def _hold_clamped(element: Element, locked: Mapping[str, float], fail: _Fail) ->
 
 
 def _check_bodies(element: Element, moves: bool, from_shapes: bool, fail: _Fail) -> None:
-    """Refuse what does not hang on a fixed base by hinges and slides; drop geometry that no mass comes from."""
+    """Refuse bodies that float or hang on ball joints; drop geometry that no mass comes from."""
     for child in element.children:
         owner = f"Body '{element.attributes.get('name', '')}'"
         if _is_of_more_freedoms(child):
             name = child.attributes["name"]
             if child.attributes.get("type") == "ball":
-                what, else_ = "hangs on a ball joint", ", or replace it by hinges with axes of their own"
+                problem, alternative = "hangs on a ball joint", ", or replace it by hinges with axes of their own"
             else:
-                what, else_ = "floats freely, and the base of a robot is fixed here", ""
+                problem, alternative = "floats freely, and the base of a robot is fixed here", ""
             detail = (
-                f"{owner} {what}. If it was clamped while the robot was recorded, lock the joint: --lock {name}, or "
-                f'"locked_joints": {{"{name}": 0}}{else_}.'
+                f"{owner} {problem}. If it was clamped while the robot was recorded, lock the joint: --lock {name}, or "
+                f'"locked_joints": {{"{name}": 0}}{alternative}.'
             )
             raise fail(detail, child.line)
         if child.tag == "body":
-            turns = moves or any(one.tag in ("joint", "freejoint") for one in _of_body(child))
+            turns = moves or any(element_of_body.tag in ("joint", "freejoint") for element_of_body in _of_body(child))
             _check_bodies(child, turns, from_shapes, fail)
         elif child.tag == "frame":
             _check_bodies(replace(child, attributes={"name": element.attributes.get("name", "")}), moves, True, fail)
-    stated = element.tag == "body" and any(one.tag == "inertial" for one in _of_body(element))
-    if not moves or (stated and not from_shapes):
+    has_inertial = element.tag == "body" and any(
+        element_of_body.tag == "inertial" for element_of_body in _of_body(element)
+    )
+    # The mass of a body without <inertial> comes from its shapes, and of all bodies where the compiler is told so.
+    # The shapes of bodies that cannot move matter to nothing.
+    if not moves or (has_inertial and not from_shapes):
         _drop_geometry(element)
 
 
 def _drop_geometry(element: Element) -> None:
-    """Leave out the shapes of a body, and those in its frames."""
+    """Remove the shapes of a body, including those in its frames."""
     element.children[:] = [child for child in element.children if child.tag != "geom"]
     for child in element.all("frame"):
         _drop_geometry(child)
 
 
 def _of_body(element: Element) -> Iterator[Element]:
-    """What belongs to a body itself, in frames or not."""
+    """Yield the elements that belong to a body itself, in frames or not."""
     for child in element.children:
         if child.tag == "frame":
             yield from _of_body(child)
@@ -212,7 +231,7 @@ def _of_body(element: Element) -> Iterator[Element]:
 
 
 def _check_meshes(reduced: Element, fail: _Fail) -> None:
-    """Refuse shapes from files where mass comes from them; where none does, they are left out."""
+    """Refuse meshes whose mass counts, and replace massless ones by spheres: their files are not here."""
     for element in [reduced, *_all(reduced)]:
         for geom in element.all("geom"):
             mesh = geom.attributes.pop("mesh", None)

@@ -1,4 +1,4 @@
-"""What the machine is: joints on a tree, their limits and their drive chains."""
+"""The robot: joints on a tree, with their limits and drive chains."""
 
 from __future__ import annotations
 
@@ -31,9 +31,19 @@ WIDEST_RANGE = {"revolute": 20 * math.pi, "prismatic": 1000.0}
 class Joint:
     """One joint and the link that it moves.
 
-    `parent` is the index of the antecedent joint (-1: the base). `placement` (4, 4) takes coordinates of the joint's
-    frame at q = 0 to the antecedent's frame; the joint then turns about, or slides along, `axis` (3,), a unit vector
-    in its own frame.
+    Attributes
+    ----------
+    name : str
+    kind : {"revolute", "prismatic"}
+    parent : int
+        Index of the antecedent joint; -1 for the base.
+    placement : ndarray (4, 4)
+        Takes coordinates of the joint's frame at q = 0 to the antecedent's frame (m).
+    axis : ndarray (3,)
+        Unit vector in the joint's own frame about which it turns or along which it slides.
+    limits : Limits
+    link : str
+        Name of the link, where the description has one.
     """
 
     name: str
@@ -51,13 +61,14 @@ class Joint:
 
     @property
     def reach(self) -> tuple[float, float] | None:
-        """Lowest and highest position in rad or m; `None` where no limit is known, or it limits nothing."""
+        """Lowest and highest position in rad or m; None where no limit is known, or it is wider than any machine's."""
         return None if self.has_limitless_range else self.limits.position
 
     @property
     def has_limitless_range(self) -> bool:
-        """Whether the stated positions are wider than those of any machine, as some write continuous joints."""
+        """Whether the position limits are wider than those of any machine, as some files write continuous joints."""
         position = self.limits.position
+        # Negated, so that a range that is not a number counts as limitless.
         return position is not None and not position[1] - position[0] <= WIDEST_RANGE[self.kind]
 
     @property
@@ -68,7 +79,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Description:
-    """The text a robot was made from; a table pasted as text is kept as the JSON that it says."""
+    """The text that a robot was read from, and its format; a table pasted as text is stored as JSON."""
 
     format: DescriptionFormat
     content: str = field(repr=False)
@@ -78,15 +89,29 @@ class Description:
 class Robot:
     """A tree of joints on a fixed base.
 
-    Joints stand in an order in which every antecedent precedes its successors. `gravity` (3,) is the acceleration of
-    gravity in the base frame (m/s²). `inertias` (n, 10) are the inertial parameters of the description in the order
-    of `INERTIAL_NAMES`, or `None` where it gives none.
+    Where some joints follow others, `joints` are the driven ones alone, which data, drives and limits refer to;
+    `linkage` then has the tree that carries the links.
 
-    Where some joints follow others, `joints` are the driven ones alone: those that data, drives and limits are about.
-    `linkage` then has the tree that carries the links, and `inertias` (N, 10) are of all of its links.
-
-    The torque of `joints_without_torque`, by their names, is in no data that a model of the robot is identified from:
-    what only their own equations would show is not identifiable.
+    Attributes
+    ----------
+    name : str
+    joints : tuple of Joint
+        Every antecedent comes before its successors.
+    gravity : ndarray (3,)
+        Acceleration of gravity in the base frame (m/s²).
+    drives : tuple of Drive
+        Drive chain of each joint.
+    description : Description
+        The text that the robot was read from.
+    inertias : ndarray (N, 10) or None
+        Inertial parameters of the description for all N links of the tree, in the order of `INERTIAL_NAMES`; None
+        where it has none.
+    locked_joints : mapping of joint name to position (rad or m)
+    linkage : Linkage or None
+        How dependent joints follow the driven ones.
+    joints_without_torque : tuple of str
+        Joints whose torque is in none of the data for identification; what only their equations would show is not
+        identifiable.
     """
 
     name: str
@@ -104,8 +129,8 @@ class Robot:
 
     def __repr__(self) -> str:
         gains = sum(drive.gain is not None for drive in self.drives)
-        known = f", {gains} with a drive gain" if gains else ""
-        return f"Robot({self.name}: {self.n} joints{known}: {', '.join(self.joint_names)})"
+        gain_text = f", {gains} with a drive gain" if gains else ""
+        return f"Robot({self.name}: {self.n} joints{gain_text}: {', '.join(self.joint_names)})"
 
     def _repr_html_(self) -> str:
         columns = ("joint", "kind", "after", "position", "velocity", "effort", "drive gain")
@@ -133,7 +158,7 @@ class Robot:
 
     @property
     def has_torque(self) -> BoolArray:
-        """Tell which joints (n,) have a torque in the data that models of the robot are identified from."""
+        """Which joints (n,) have a torque in the data that models of the robot are identified from."""
         return np.array([name not in self.joints_without_torque for name in self.joint_names], dtype=bool)
 
     @property
@@ -142,33 +167,34 @@ class Robot:
         return self if self.linkage is None else self.linkage.tree
 
     def positions(self, q: FloatArray) -> FloatArray:
-        """(m, N): positions of the driven joints (m, n), and behind them of those that follow them."""
+        """Return positions (m, N): those of the driven joints `q` (m, n), then those of the joints that follow."""
         if self.linkage is None:
             return q
         return np.hstack([q, self.linkage.positions(q)[:, list(self.linkage.passive)]])
 
     def movers(self, name: str) -> tuple[int, ...]:
-        """Indices of the driven joints that a joint of the tree moves with: itself, or those that it follows."""
+        """Return indices of the driven joints that a joint of the tree moves with: itself, or those that it follows."""
         if name in self.joint_names or self.linkage is None:
             return (self.joint_names.index(name),)
         return self.linkage.movers(self.tree.joint_names.index(name))
 
     def position_movers(self, place: int) -> tuple[int, ...]:
-        """The same of a joint by its place in `positions`."""
+        """Return the same for a joint by its place in `positions`."""
         if place < self.n or self.linkage is None:
             return (place,)
         return self.linkage.movers(self.linkage.passive[place - self.n])
 
     def subtree(self, joint: int) -> tuple[int, ...]:
-        """Indices of the joints that move with `joint`, itself first."""
+        """Return the indices of the joints that move with `joint`, itself first."""
         moved = {joint}
+        # One pass is enough, since every antecedent comes before its successors.
         for index in range(joint + 1, self.n):
             if self.joints[index].parent in moved:
                 moved.add(index)
         return tuple(sorted(moved))
 
     def ancestors(self, joint: int) -> tuple[int, ...]:
-        """Indices of the joints that move `joint`, itself last."""
+        """Return the indices of the joints that move `joint`, itself last."""
         chain = []
         while joint >= 0:
             chain.append(joint)
@@ -177,7 +203,7 @@ class Robot:
 
 
 def _limit_texts(joint: Joint) -> tuple[str, str, str]:
-    """Limits of position, velocity and effort with their units; "–" where none is known."""
+    """Return limits of position, velocity and effort with their units; "–" where none is known."""
     limits, angle = joint.limits, "rad" if joint.kind == "revolute" else "m"
     position = "–" if limits.position is None else f"{limits.position[0]:.4g} … {limits.position[1]:.4g} {angle}"
     velocity = "–" if limits.velocity is None else f"{limits.velocity:.4g} {angle}/s"

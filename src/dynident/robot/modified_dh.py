@@ -1,4 +1,4 @@
-"""Robots from a table of modified Denavit-Hartenberg parameters, in the notation of Khalil and Kleinfinger (1986).
+"""Read robots from a table of modified Denavit-Hartenberg parameters, in the notation of Khalil and Kleinfinger (1986).
 
 The table is JSON: a list of rows, one a joint, or an object with that list and, if wanted, gravity::
 
@@ -99,7 +99,10 @@ _TABLE = ("joints", "gravity", "base_capsules", "loops", "title", "source")
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One joint of a table: `antecedent` counts rows from 0, -1 is the base; `inertia` is (10,) in [12.1]'s order."""
+    """One joint of a table.
+
+    `antecedent` counts rows from 0 (-1: the base); `inertia` (10,) has the order of [12.1].
+    """
 
     name: str
     antecedent: int
@@ -124,9 +127,22 @@ def robot_from_modified_dh(
     gravity: Sequence[float] | None = None,
     pointer: str = "",
 ) -> Robot:
-    """Return the robot that a table (JSON text or value) describes; the module's docstring tells the fields.
+    """Return the robot that a table describes; the module's docstring lists the fields of a table.
 
-    The other arguments are those of `robot_from_urdf`; they win over the table's.
+    Parameters
+    ----------
+    name : str
+        Name of the robot.
+    table : str, mapping or sequence of mappings
+        The table as JSON text or value.
+    limits, drives, locked_joints, gravity
+        As for `robot_from_urdf`; they win over the table's.
+    pointer : str
+        Where the table is in the user's request.
+
+    Returns
+    -------
+    Robot
 
     Raises
     ------
@@ -138,11 +154,13 @@ def robot_from_modified_dh(
     value = parse_json(content, pointer, TITLE)
     _, rows = table_capsules(value, pointer)
     if gravity is None and isinstance(value, Mapping) and "gravity" in value:
-        stated = expect_numbers(value["gravity"], 3, f"{pointer}/gravity", TITLE)
-        settings = settings_from(limits, drives, locked_joints, gravity_from(stated).tolist())
+        table_gravity = expect_numbers(value["gravity"], 3, f"{pointer}/gravity", TITLE)
+        settings = settings_from(limits, drives, locked_joints, gravity_from(table_gravity).tolist())
+    # The tree must not have joints that cannot move because all that they follow are locked. The robot remembers only
+    # the joints that the user locked.
     ties = {row.name: row.tie for row in rows if row.tie is not None}
-    chosen = settings.locked_joints
-    settings = replace(settings, locked_joints=followers_locked(ties, chosen))
+    locked_by_user = settings.locked_joints
+    settings = replace(settings, locked_joints=followers_locked(ties, locked_by_user))
     tree = from_pinocchio(
         _model(name, rows),
         name,
@@ -151,16 +169,16 @@ def robot_from_modified_dh(
         DescribedJoints({row.name: row.limits for row in rows}, {row.name: row.link for row in rows}),
         pointer=pointer,
     )
-    tree = replace(tree, locked_joints=dict(chosen))
+    tree = replace(tree, locked_joints=dict(locked_by_user))
     starts = {row.name: row.start for row in rows if row.start is not None}
     passive = tuple(row.name for row in rows if row.passive and row.name in tree.joint_names)
-    stated = value.get("loops", []) if isinstance(value, Mapping) else []
-    cuts = Cuts(loops_from(stated, tree, f"{pointer}/loops", TITLE), passive, starts)
+    loops = value.get("loops", []) if isinstance(value, Mapping) else []
+    cuts = Cuts(loops_from(loops, tree, f"{pointer}/loops", TITLE), passive, starts)
     return linked(tree, ties, title=TITLE, locked=settings.locked_joints, cuts=cuts)
 
 
 def table_rows(value: object, at: str = "") -> tuple[Row, ...]:
-    """Check the JSON value of a table and return its rows, antecedents first."""
+    """Check the JSON value of a table and return its rows; every antecedent comes before its successors."""
     if isinstance(value, Mapping):
         value, at = (
             expect_mapping(value, _TABLE, at, TITLE).get("joints"),
@@ -175,14 +193,14 @@ def table_rows(value: object, at: str = "") -> tuple[Row, ...]:
 
 
 def table_capsules(value: object, at: str = "") -> tuple[tuple[Capsule, ...], tuple[Row, ...]]:
-    """The capsules of the base, and the rows with theirs, of the JSON value of a table."""
+    """Return the capsules of the base and the rows, which hold their own capsules, of a table's JSON value."""
     rows = table_rows(value, at)
     base = value.get("base_capsules", []) if isinstance(value, Mapping) else []
     return _capsules(base, f"{at}/base_capsules"), rows
 
 
 def placement_from(gamma: float, b: float, alpha: float, d: float, theta: float, r: float) -> FloatArray:
-    """Rot(z, γ) Trans(z, b) Rot(x, α) Trans(x, d) Rot(z, θ) Trans(z, r) as a homogeneous transform (4, 4)."""
+    """Return the transform (4, 4) Rot(z, γ) Trans(z, b) Rot(x, α) Trans(x, d) Rot(z, θ) Trans(z, r)."""
     return mend_placement(_screw_z(gamma, b) @ _screw_x(alpha, d) @ _screw_z(theta, r), ROUNDING_TOLERANCE)
 
 
@@ -257,9 +275,9 @@ def _antecedent(value: object, above: Sequence[Row], at: str) -> int:
 
 def _limits(value: object, joint: str, at: str) -> Limits:
     fields = expect_mapping(value, _LIMITS, at, TITLE)
-    stated = {key: field for key, field in fields.items() if field is not None}
-    position = stated.pop("position", None)
-    numbers = {key: expect_number(field, f"{at}/{key}", TITLE) for key, field in stated.items()}
+    bounds = {key: field for key, field in fields.items() if field is not None}
+    position = bounds.pop("position", None)
+    numbers = {key: expect_number(field, f"{at}/{key}", TITLE) for key, field in bounds.items()}
     low_high = None if position is None else expect_numbers(position, 2, f"{at}/position", TITLE)
     limits = Limits(position=None if low_high is None else (low_high[0], low_high[1]), **numbers)
     check_limits(limits, joint, at)
@@ -273,8 +291,8 @@ def _inertia(fields: Mapping[str, object], at: str) -> FloatArray:
     if "mass_properties" in fields:
         return _about_origin(fields["mass_properties"], f"{at}/mass_properties")
     at = f"{at}/inertia"
-    given = expect_mapping(fields.get("inertia", {}), INERTIAL_NAMES, at, TITLE)
-    values = np.array([expect_number(given.get(key, 0.0), f"{at}/{key}", TITLE) for key in INERTIAL_NAMES])
+    entries = expect_mapping(fields.get("inertia", {}), INERTIAL_NAMES, at, TITLE)
+    values = np.array([expect_number(entries.get(key, 0.0), f"{at}/{key}", TITLE) for key in INERTIAL_NAMES])
     if values[9] < 0 or (values[9] == 0 and np.any(values)):
         raise DynidentError("A link with inertia has a positive mass M.", pointer=f"{at}/M", title=TITLE)
     return values
@@ -283,7 +301,7 @@ def _inertia(fields: Mapping[str, object], at: str) -> FloatArray:
 def _capsules(value: object, at: str) -> tuple[Capsule, ...]:
     if not isinstance(value, (list, tuple)):
         raise DynidentError("Expected a list of capsules.", pointer=at, title=TITLE)
-    made = []
+    capsules = []
     for index, item in enumerate(value):
         place = pointer(index, within=at)
         fields = expect_mapping(item, ("from", "to", "radius"), place, TITLE)
@@ -293,20 +311,20 @@ def _capsules(value: object, at: str) -> tuple[Capsule, ...]:
         if radius <= 0:
             detail = f"The radius is {radius}; expected a positive number."
             raise DynidentError(detail, pointer=f"{place}/radius", title=TITLE)
-        made.append(Capsule(start, end, radius))
-    return tuple(made)
+        capsules.append(Capsule(start, end, radius))
+    return tuple(capsules)
 
 
 def _about_origin(value: object, at: str) -> FloatArray:
-    given = expect_mapping(value, _MASS_PROPERTIES, at, TITLE)
+    properties = expect_mapping(value, _MASS_PROPERTIES, at, TITLE)
     for key in _MASS_PROPERTIES:
-        if key not in given:
+        if key not in properties:
             raise DynidentError(f"'{key}' is missing.", pointer=f"{at}/{key}", title=TITLE)
-    mass = expect_number(given["mass"], f"{at}/mass", TITLE)
+    mass = expect_number(properties["mass"], f"{at}/mass", TITLE)
     if mass <= 0:
         raise DynidentError(f"The mass is {mass}; expected a positive number.", pointer=f"{at}/mass", title=TITLE)
-    center = np.array(expect_numbers(given["center_of_mass"], 3, f"{at}/center_of_mass", TITLE))
-    xx, xy, xz, yy, yz, zz = expect_numbers(given["inertia"], 6, f"{at}/inertia", TITLE)
+    center = np.array(expect_numbers(properties["center_of_mass"], 3, f"{at}/center_of_mass", TITLE))
+    xx, xy, xz, yy, yz, zz = expect_numbers(properties["inertia"], 6, f"{at}/inertia", TITLE)
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     try:
         return inertial_parameters(pin.Inertia(mass, center, tensor).toDynamicParameters())

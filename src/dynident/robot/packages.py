@@ -1,4 +1,4 @@
-"""Where a description's package:// and $(find …) names are looked for on this machine."""
+"""Folders in which package:// and $(find …) names of a description are looked for on this machine."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ _ROS_FOLDERS = (("ROS_PACKAGE_PATH", "."), ("AMENT_PREFIX_PATH", "share"), ("CMA
 
 
 def package_folders(file: Path) -> tuple[Path, ...]:
-    """List the folders that may hold the packages which a description's file names, nearest first.
+    """Return the folders that may hold the packages which a description's file names, nearest first.
 
-    These are the folders above the file but not the file system's root, since a description lies in its package or
-    beside it, and then those of the ROS environment.
+    First come the folders above the file, without the root of the file system, since a description lies in its package
+    or beside it; then those of the ROS environment.
     """
     above = file.resolve().parents[:-1]
-    stated = [Path(folder) / below for name, below in _ROS_FOLDERS for folder in _folders_in(os.environ.get(name, ""))]
-    return tuple(dict.fromkeys([*above, *stated]))
+    ros_folders = [
+        Path(folder) / below for name, below in _ROS_FOLDERS for folder in _folders_in(os.environ.get(name, ""))
+    ]
+    return tuple(dict.fromkeys([*above, *ros_folders]))
 
 
 def find_package(name: str, file: Path) -> Path | None:
-    """Find the folder of a package that a description's file names; `None` where there is none."""
+    """Return the folder of a package that a description's file names; None if there is none."""
     return next((folder / name for folder in package_folders(file) if (folder / name).is_dir()), None)
 
 

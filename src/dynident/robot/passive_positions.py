@@ -1,10 +1,10 @@
-"""Passive positions as expressions of the driven ones: in closed form, or a polynomial's guess and what makes it exact.
+"""Passive positions as expressions of the driven ones: in closed form, or a polynomial guess with exact corrections.
 
-Where every loop is a triangle, that is solved (`dyads`). Elsewhere, from a guess x₀ the way to the closed posture is
-φ(x(t)) = (1 - t) φ(x₀), 0 ≤ t ≤ 1. Its Taylor series at x₀ is Newton's step where it ends after the first term; every
-further one (Chebyshev's method, and so on) takes one power more of the guess's error off, and needs no sine or cosine
-that the first one has not computed. Which degree of the polynomial and which terms make the shortest code is found by
-trying.
+Where every loop is a triangle, it is solved in closed form (`dyads`). Elsewhere a polynomial gives a guess x₀, and the
+path to the closed posture is φ(x(t)) = (1 - t) φ(x₀), 0 ≤ t ≤ 1. The first term of its Taylor series at x₀ is Newton's
+step. Every further term (Chebyshev's method, and so on) removes one more power of the guess's error, and needs no sine
+or cosine beyond those of the first. The degree of the polynomial and the number of terms are those with the shortest
+code, found by trying all combinations.
 """
 
 from __future__ import annotations
@@ -24,27 +24,30 @@ from dynident.robot.loop_numbers import products
 if TYPE_CHECKING:
     from dynident.robot.loops import Closure
 
+# Postures to recognise triangles by, postures to fit polynomials to, and the error (rad, m) that counts as exact.
 _FEW, _SAMPLES, _EXACT = 200, 3000, 1e-12
 _DEGREES = (1, 2, 3, 5, 7, 9, 11, 13)
+# Highest degree by the number of driven joints in a loop: the number of terms grows too fast with both.
 _HIGHEST = {1: 13, 2: 13, 3: 8}
 _ORDERS, _MOST_STEPS = (1, 2, 3), 4
 _WORK = {ca.OP_SIN: 30, ca.OP_COS: 30}
 _QUOTIENT = 8
-"""How many products take the time of what takes longer than one (`benchmarks/closed_loops.py`)."""
+"""Cost of sines, cosines (`_WORK`) and quotients in products, measured by `benchmarks/closed_loops.py`."""
 _NEGLIGIBLE = 0.01
 """Coefficients below this share of the guess's largest error are left out."""
 _WIDE = 4.0
-"""Angles (rad) that reach over more are no tangents of a half."""
+"""Widest range (rad) of an angle that is fitted as tan(x/2), which grows without bound towards ±π."""
 _BEYOND = 4.0
-"""Sines and cosines of a step are exact up to so many times the longest that was seen."""
+"""Sines and cosines of a step are exact up to so many times the longest step of the samples."""
 
 _Steps = tuple[int, ...]
 
 
 def passive_positions(closure: Closure) -> ca.Function | None:
-    """(q_a) -> x, cos x and sin x SX (p, 1), exact within the limits of the driven joints.
+    """Return the function (q_a) -> x, cos x, sin x SX (p, 1), exact within the limits of the driven joints.
 
-    `None` where no polynomial comes near enough. Tried on closed postures within the limits, far from singular ones.
+    It is verified on closed postures within the limits that are far from singular ones. None means that no polynomial
+    comes near enough.
     """
     turns = solved_by_triangles(closure, *closure.sampled(_FEW))
     if turns is None:
@@ -55,13 +58,13 @@ def passive_positions(closure: Closure) -> ca.Function | None:
 def _solved_by_steps(closure: Closure, q: FloatArray, x: FloatArray) -> Turns | None:
     steps = {order: _step(closure, order) for order in _ORDERS}
     guesses = {degree: _fitted(closure, q, x, degree) for degree in _DEGREES}
-    known: dict[tuple[int, _Steps], FloatArray] = {(d, ()): _at(guess, q) for d, guess in guesses.items()}
+    positions_after: dict[tuple[int, _Steps], FloatArray] = {(d, ()): _at(guess, q) for d, guess in guesses.items()}
 
     def reached(degree: int, orders: _Steps) -> FloatArray:
-        if (degree, orders) not in known:
-            at = reached(degree, orders[:-1])
-            known[degree, orders] = at + _at(steps[orders[-1]], q, at, np.cos(at), np.sin(at))
-        return known[degree, orders]
+        if (degree, orders) not in positions_after:
+            before = reached(degree, orders[:-1])
+            positions_after[degree, orders] = before + _at(steps[orders[-1]], q, before, np.cos(before), np.sin(before))
+        return positions_after[degree, orders]
 
     work = {order: work_of(step) for order, step in steps.items()}
     effort = {degree: work_of(guess) for degree, guess in guesses.items()}
@@ -69,6 +72,7 @@ def _solved_by_steps(closure: Closure, q: FloatArray, x: FloatArray) -> Turns | 
         (effort[degree] + sum(work[order] for order in orders), degree, orders)
         for degree, orders in product(_DEGREES, _ways())
     ]
+    # Try the cheapest combination first. Numbers of shorter ones are remembered, since longer ones go on from them.
     for _, degree, orders in sorted(choices):
         if np.abs(reached(degree, orders) - x).max() < _EXACT:
             driven = closure.symbols[0]
@@ -81,7 +85,7 @@ def _solved_by_steps(closure: Closure, q: FloatArray, x: FloatArray) -> Turns | 
 
 
 def work_of(function: ca.Function) -> int:
-    """How long a function's code takes, counted in products; what several numbers are divided by is inverted once."""
+    """Return the cost of a function's code in products; a number that divides several others is inverted once."""
     work, divisors = 0, set[int]()
     made_by: dict[int, int] = {}
     for k in range(function.n_instructions()):
@@ -100,16 +104,18 @@ def _ways() -> Iterator[_Steps]:
 
 
 def _at(function: ca.Function, *inputs: FloatArray) -> FloatArray:
-    """Values (m, k) of a function's first result at rows of arrays (m, …)."""
-    found = function.map(len(inputs[0])).call([one.T for one in inputs])[0]
-    return np.asarray(found.full().T, dtype=np.float64)
+    """Evaluate a function's first result at the rows of arrays (m, …); returns (m, k)."""
+    result = function.map(len(inputs[0])).call([values.T for values in inputs])[0]
+    return np.asarray(result.full().T, dtype=np.float64)
 
 
 def _step(closure: Closure, order: int) -> ca.Function:
-    """(q_a, x, cos x, sin x) -> how far to go by so many terms of the series: to an error to the power order + 1."""
+    """Return (q_a, x, cos x, sin x) -> step by `order` terms of the series: the error goes to the power order + 1."""
     driven, x = closure.symbols
     along, further = ca.SX.sym("along", closure.p), ca.SX.sym("further", closure.p)
     terms = [-closure.solve(closure.gaps)]
+    # With F = ∂φ/∂x and the path's derivatives x', x'', x''' at t = 0: F x' = -φ, F x'' = -φ_xx x' x', and
+    # F x''' = -(φ_xxx x' x' x' + 3 φ_xx x' x''). The same elimination of F serves all of them.
     if order > 1:
         slope = ca.jtimes(closure.gaps, x, along)
         bend = ca.jtimes(slope, x, along)
@@ -117,33 +123,34 @@ def _step(closure: Closure, order: int) -> ca.Function:
     if order > 2:
         turn = ca.jtimes(bend, x, along) + 3 * ca.jtimes(slope, x, further)
         terms.append(-closure.solve(ca.substitute([turn], [along, further], terms)[0]))
-    shares = (1.0, 1 / 2, 1 / 6)
+    shares = (1.0, 1 / 2, 1 / 6)  # Taylor's 1 / k!
     value = ca.densify(sum(share * term for share, term in zip(shares, terms, strict=False)))
-    given = Turns(x, ca.SX.sym("cos", closure.p), ca.SX.sym("sin", closure.p))
-    return ca.Function("step", [driven, *given.parts], [ca.cse(turned(value, x, given))])
+    current = Turns(x, ca.SX.sym("cos", closure.p), ca.SX.sym("sin", closure.p))
+    return ca.Function("step", [driven, *current.parts], [ca.cse(turned(value, x, current))])
 
 
 def _fitted(closure: Closure, q: FloatArray, x: FloatArray, degree: int) -> ca.Function:
-    """(q_a) -> x, cos x and sin x near positions (m, n) and (m, p): polynomials, of angles in the tangent of a half."""
+    """Fit the guess (q_a) -> x, cos x, sin x to positions (m, n), (m, p): polynomials, for angles of tan(x/2)."""
     driven = closure.symbols[0]
+    # Scale the driven positions to [-1, 1]: high powers would otherwise make the least-squares problem singular.
     middle, half = 0.5 * (closure.low + closure.high), 0.5 * (closure.high - closure.low)
     scaled, symbols = (q - middle) / half, (driven - ca.DM(middle)) * ca.DM(1 / half)
     low, high = x.min(axis=0), x.max(axis=0)
     centre, halved = 0.5 * (low + high), np.array(closure.turning) & (high - low < _WIDE)
-    wanted = np.where(halved, np.tan(0.5 * np.where(halved, x - centre, 0.0)), x)
+    target = np.where(halved, np.tan(0.5 * np.where(halved, x - centre, 0.0)), x)
     guess = ca.SX.zeros(closure.p)
     for _, unknowns, movers in closure.groups:
-        own = min(degree, _HIGHEST.get(len(movers), 4))
-        terms = np.stack([np.ones(len(q)), *products(list(scaled[:, movers].T), own)], axis=1)
-        weights = np.linalg.lstsq(terms, wanted[:, unknowns], rcond=1e-12)[0]
-        far = np.abs(terms @ weights - wanted[:, unknowns]).max(axis=0)
+        own_degree = min(degree, _HIGHEST.get(len(movers), 4))
+        terms = np.stack([np.ones(len(q)), *products(list(scaled[:, movers].T), own_degree)], axis=1)
+        weights = np.linalg.lstsq(terms, target[:, unknowns], rcond=1e-12)[0]
+        far = np.abs(terms @ weights - target[:, unknowns]).max(axis=0)
         weights[np.abs(weights) < np.maximum(1e-13, _NEGLIGIBLE * far)] = 0.0
-        columns = ca.vertcat(1, *products([symbols[j] for j in movers], own))
+        columns = ca.vertcat(1, *products([symbols[j] for j in movers], own_degree))
         values = ca.mtimes(ca.sparsify(ca.SX(ca.DM(weights.T))), columns)
         for place, k in enumerate(unknowns):
             guess[k] = values[place]
     guess = ca.densify(guess)
     turns = [Turns.of_half(guess[k], centre[k]) if halved[k] else Turns.of(guess[k]) for k in range(closure.p)]
     return ca.Function(
-        "guess", [driven], [ca.vertcat(*parts) for parts in zip(*(one.parts for one in turns), strict=True)]
+        "guess", [driven], [ca.vertcat(*parts) for parts in zip(*(turn.parts for turn in turns), strict=True)]
     )

@@ -1,4 +1,4 @@
-"""The way between a Pinocchio model and the types of this room."""
+"""Convert between Pinocchio models and `Robot`."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from dynident.robot.settings import Settings, check_names, merged_limits
 from dynident.robot.stated import Drive, Limits
 
 MOST_JOINTS = 100
-"""Moving joints of a robot. A model of more takes gigabytes, and no machine that is identified as one has as many."""
+"""Most moving joints of a robot: a model of more takes gigabytes, and no machine that is identified as one has more."""
 
 LARGEST = 1e12
-"""No machine is that large in m, kg or kg m²; beyond it rounding errors are."""
+"""Largest number in m, kg or kg m²: no machine is that large, and beyond it rounding errors are."""
 
 _FROM_DYNAMIC = [4, 5, 7, 6, 8, 9, 1, 2, 3, 0]
 """INERTIAL_NAMES as places in Pinocchio's m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz."""
@@ -38,9 +38,17 @@ def inertial_parameters(dynamic: FloatArray) -> FloatArray:
 
 
 def to_pinocchio(robot: Robot) -> pin.Model:
-    """Return the Pinocchio model of the robot: same joints, order and frames; one coordinate a joint.
+    """Return the Pinocchio model of a robot.
 
-    Where joints follow others, it is that of the whole tree: Pinocchio knows nothing of what holds it together.
+    Parameters
+    ----------
+    robot : Robot
+
+    Returns
+    -------
+    pinocchio.Model
+        Same joints, order and frames, one coordinate a joint. Where joints follow others, it is the whole tree, without
+        the constraints that hold it together.
     """
     robot = robot.tree
     model = pin.Model()
@@ -57,7 +65,7 @@ def to_pinocchio(robot: Robot) -> pin.Model:
 
 
 def _body_of(inertial: FloatArray) -> pin.Inertia:
-    """Make a body of inertial parameters (10,) in the order of `INERTIAL_NAMES`."""
+    """Return the body of inertial parameters (10,) in the order of `INERTIAL_NAMES`."""
     xx, xy, xz, yy, yz, zz = inertial[:6]
     if inertial[9] == 0.0:
         # Pinocchio divides by the mass. Links without one, as some descriptions have, have no centre of mass either.
@@ -68,9 +76,20 @@ def _body_of(inertial: FloatArray) -> pin.Inertia:
 def described_torque(
     robot: Robot, q: FloatArray, dq: FloatArray, ddq: FloatArray, rotors: FloatArray | None = None
 ) -> FloatArray:
-    """Torque (m, n) that the description's links need, by Newton's and Euler's recursion; rotors (N,) of all joints.
+    """Return the torque that the links of the description need, by the recursion of Newton and Euler.
 
-    Where joints follow others it is that of the driven ones: Gᵀ times the tree's.
+    Parameters
+    ----------
+    robot : Robot
+    q, dq, ddq : ndarray (m, n)
+        Motion of the driven joints.
+    rotors : ndarray (N,), optional
+        Rotor inertias of all joints of the tree.
+
+    Returns
+    -------
+    ndarray (m, n)
+        N m or N. Where joints follow others, that of the driven ones: Gᵀ times the tree's.
     """
     model = to_pinocchio(robot)
     data = model.createData()
@@ -85,9 +104,9 @@ def described_torque(
 
 @dataclass(frozen=True)
 class DescribedJoints:
-    """What a description says of its joints and Pinocchio's model does not keep.
+    """Data of a description's joints that a Pinocchio model does not hold.
 
-    By joint its `limits` and the link that it moves, and the names of the `fixed` ones, which the model has merged.
+    Limits and links by joint name, and the names of the `fixed` joints, which the model has merged.
     """
 
     limits: Mapping[str, Limits]
@@ -105,9 +124,28 @@ def from_pinocchio(
     tolerance: float = ROUNDING_TOLERANCE,
     pointer: str = "",
 ) -> Robot:
-    """Return the robot of a model whose joints each have one degree of freedom.
+    """Return the robot of a Pinocchio model whose joints each have one degree of freedom.
 
-    Roundings within `tolerance` are mended; `pointer` says where the description stands in the request.
+    Parameters
+    ----------
+    model : pinocchio.Model
+    name : str
+        Name of the robot.
+    description : Description
+        The text that the model was read from.
+    settings : Settings
+        What the user states beside the description.
+    described : DescribedJoints
+        What the description says of joints beside the model.
+    tolerance : float
+        Rounded constants within it are mended, see `dynident.robot.rounding`.
+    pointer : str
+        Where the description is in the user's request.
+
+    Raises
+    ------
+    DynidentError
+        For too many joints, unusable names, settings of joints that do not exist, or numbers that are too large.
     """
     moving = tuple(model.names)[1:]
     if len(moving) > MOST_JOINTS:
@@ -145,7 +183,7 @@ def from_pinocchio(
 
 
 def locked(model: pin.Model, values: Mapping[str, float]) -> pin.Model:
-    """The model with joints held at positions (rad, m) by their names; its frames stay."""
+    """Return the model with joints locked at positions (rad, m), by their names; its frames stay."""
     if not values:
         return model
     configuration = pin.neutral(model)

@@ -18,12 +18,12 @@ def pointer(*tokens: object, within: str = "") -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names for a sentence: 'a, b, c', or 'none' where there are none."""
+    """Return names joined for a sentence: 'a, b, c', or 'none' if there are none."""
     return ", ".join(names) or "none"
 
 
 def check_unicode(text: str, at: str, title: str) -> None:
-    """Refuse a text with half of a character (a lone surrogate), which no file and no answer can hold."""
+    """Refuse a text with half of a character (a lone surrogate), which no file and no response can hold."""
     try:
         text.encode()
     except UnicodeEncodeError as error:
@@ -33,7 +33,7 @@ def check_unicode(text: str, at: str, title: str) -> None:
 
 
 def check_name(name: str, at: str, title: str) -> None:
-    """Refuse a name with line breaks or other control characters: names stand in headers of tables and in messages."""
+    """Refuse a name with line breaks or other control characters: names are used in table headers and messages."""
     control = next((character for character in name if unicodedata.category(character) in _CONTROL), None)
     if control is not None:
         detail = f"The name {name[:80]!a} holds {control!a}; names are of one line, without control characters."

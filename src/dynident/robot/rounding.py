@@ -1,4 +1,4 @@
-"""Mends constants that were rounded when a description was written.
+"""Mend constants that were rounded when a description was written.
 
 A URDF writes a right angle as 1.57079632679, whose cosine is 5e-12 where 0 was meant. Such entries cost instructions in
 every symbolic expression and add parameters that no measurement could see. Entries within `ROUNDING_TOLERANCE` of 0,
@@ -43,7 +43,8 @@ def _snap(values: FloatArray, tolerance: float) -> FloatArray:
 
 
 def _orthonormal(rotation: FloatArray) -> FloatArray:
-    """Two Newton steps to the nearest rotation: each squares the error, exact zeros and ones stay."""
+    """Return the nearest rotation by two Newton steps: each squares the error, and exact zeros and ones stay."""
     for _ in range(2):
         rotation = rotation - 0.5 * rotation @ (rotation.T @ rotation - np.eye(3))
+    # The steps themselves round: an entry that was exactly 1 may have become 1 - eps.
     return _snap(rotation, 4 * np.finfo(float).eps)

@@ -1,4 +1,4 @@
-"""What a user states beside the description: limits, drive chains, locked joints, gravity."""
+"""Settings that a user states beside the description: limits, drive chains, locked joints, gravity."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TITLE = "Unusable robot settings"
 
 @dataclass(frozen=True)
 class Settings:
-    """What overrides or completes a description. Names are those of the joints."""
+    """Settings that override or complete a description, by the names of joints."""
 
     limits: Mapping[str, Limits] = field(default_factory=dict)
     drives: Mapping[str, Drive] = field(default_factory=dict)
@@ -36,7 +36,10 @@ def settings_from(
     locked_joints: Mapping[str, float] | None,
     gravity: Sequence[float] | None,
 ) -> Settings:
-    """Check the values (names are checked once the joints are known) and fill in the defaults."""
+    """Return checked settings with the defaults filled in.
+
+    Only values are checked here; names are checked by `check_names` once the joints are known.
+    """
     for name, limit in (limits or {}).items():
         check_limits(limit, name, pointer("limits", name))
     for name, drive in (drives or {}).items():
@@ -58,7 +61,7 @@ def gravity_from(gravity: Sequence[float], at: str = "/gravity") -> FloatArray:
 
 
 def check_limits(limits: Limits, joint: str, at: str) -> None:
-    """Raise `DynidentError` where a range is empty or a bound is not a positive number."""
+    """Raise `DynidentError` if a range is empty or a bound is not a positive number."""
     if limits.position is not None:
         low, high = limits.position
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
@@ -81,7 +84,7 @@ def check_limits(limits: Limits, joint: str, at: str) -> None:
 def merged_limits(described: Limits, stated: Limits | None) -> Limits:
     """Return the stated limits, completed by the described ones.
 
-    Descriptions write numbers that no machine has where nothing is limited: these count as not known.
+    Some descriptions write huge numbers where nothing is limited: these count as not known.
     """
     values = {}
     for item in fields(Limits):
@@ -96,19 +99,19 @@ def merged_limits(described: Limits, stated: Limits | None) -> Limits:
 
 
 def check_names(settings: Settings, moving: Sequence[str], fixed: Sequence[str] = ()) -> None:
-    """Raise `DynidentError` where a setting names a joint that is not there, is fixed, or is locked as well."""
-    known = set(moving)
+    """Raise `DynidentError` if a setting names a joint that does not exist, is fixed, or is locked as well."""
+    moving_names = set(moving)
     for part in ("locked_joints", "limits", "drives"):
         for name in getattr(settings, part):
             if name in fixed:
                 raise _error(f"Joint '{name}' is fixed in the description; leave it out.", part, name)
-            if name not in known:
+            if name not in moving_names:
                 raise _error(f"There is no joint '{name}'; joints: {listed(moving)}.", part, name)
             if part == "drives" and name in settings.locked_joints:
                 raise _error(f"Joint '{name}' is locked, so it has no drive.", part, name)
     for joint, drive in settings.drives.items():
         for name in drive.coupling:
-            if name == joint or name not in known or name in settings.locked_joints:
+            if name == joint or name not in moving_names or name in settings.locked_joints:
                 others = [other for other in moving if other != joint and other not in settings.locked_joints]
                 raise _error(
                     f"The motor of joint '{joint}' cannot be coupled to '{name}'; others: {listed(others)}.",
@@ -117,7 +120,7 @@ def check_names(settings: Settings, moving: Sequence[str], fixed: Sequence[str] 
                     "coupling",
                     name,
                 )
-    if moving and known <= set(settings.locked_joints):
+    if moving and moving_names <= set(settings.locked_joints):
         raise _error("Every joint is locked; a robot needs at least one moving joint.", "locked_joints")
 
 
@@ -140,11 +143,11 @@ def _check_drive(drive: Drive, joint: str) -> None:
                 joint,
                 item.name,
             )
-    stated = drive.drive_gain
+    drive_gain = drive.drive_gain
     factors = Drive(None, drive.gear_ratio, drive.torque_constant, drive.amplifier_gain).gain
-    if stated is not None and factors is not None and not math.isclose(stated, factors, rel_tol=1e-3):
+    if drive_gain is not None and factors is not None and not math.isclose(drive_gain, factors, rel_tol=1e-3):
         raise _error(
-            f"Joint '{joint}': drive_gain is {stated}, but gear ratio, torque constant and amplifier gain "
+            f"Joint '{joint}': drive_gain is {drive_gain}, but gear ratio, torque constant and amplifier gain "
             f"give {factors:g} [12.17]; state one of the two.",
             "drives",
             joint,

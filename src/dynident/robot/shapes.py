@@ -1,4 +1,4 @@
-"""Shapes that a link can be touched at, and capsules that enclose them."""
+"""Shapes of links for collision checks, and capsules that enclose them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from dynident.arrays import FloatArray
 
 _RIM = 24
 _AROUND = np.arange(_RIM) * (2 * np.pi / _RIM)
+# Steps towards the centre of the smallest ball. The error falls about as fast as one over their number.
 _CENTRING = 60
 
 
@@ -23,17 +24,18 @@ class Capsule:
 
     @property
     def volume(self) -> float:
-        """m³."""
+        """Volume in m³."""
         length = float(np.linalg.norm(self.end - self.start))
         return float(np.pi * self.radius**2 * (length + 4 / 3 * self.radius))
 
     def contains(self, other: Capsule) -> bool:
-        """Whether `other` lies inside of it."""
+        """Return whether `other` lies inside this capsule."""
+        # Both are convex, so it is enough that the end balls of the other one lie inside.
         room = self.radius - other.radius
         return all(distance_to_segment(point, self.start, self.end) <= room for point in (other.start, other.end))
 
     def moved(self, placement: FloatArray) -> Capsule:
-        """The same in the frame that `placement` (4, 4) takes its coordinates to."""
+        """Return the capsule in the frame that `placement` (4, 4) takes its coordinates to."""
         start, end = (placement[:3, :3] @ point + placement[:3, 3] for point in (self.start, self.end))
         return Capsule(start, end, self.radius)
 
@@ -81,30 +83,30 @@ Shape = Capsule | Cylinder | Block | Hull
 
 
 def enclosing_capsule(shape: Shape) -> Capsule:
-    """A small capsule around a shape."""
+    """Return a small capsule around a shape."""
     return shape if isinstance(shape, Capsule) else capsule_around(shape.corners)
 
 
 def capsule_around(points: FloatArray) -> Capsule:
-    """A small capsule that contains points (m, 3): the smallest of those about their principal axes, or a sphere."""
+    """Return a small capsule that contains points (m, 3): the smallest about a principal axis, or a sphere."""
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     directions = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
     centre = _centre_of(points - middle) + middle
     ball = Capsule(centre, centre, float(np.linalg.norm(points - centre, axis=1).max()))
-    return min([ball, *(_about(points, direction) for direction in directions)], key=lambda found: found.volume)
+    return min([ball, *(_about(points, direction) for direction in directions)], key=lambda capsule: capsule.volume)
 
 
 def without_contained(capsules: tuple[Capsule, ...]) -> tuple[Capsule, ...]:
-    """Capsules without those that lie inside another of them."""
-    kept: list[Capsule] = []
+    """Return the capsules without those that lie inside another one."""
+    outer: list[Capsule] = []
     for candidate in sorted(capsules, key=lambda item: -item.volume):
-        if not any(other.contains(candidate) for other in kept):
-            kept.append(candidate)
-    return tuple(kept)
+        if not any(other.contains(candidate) for other in outer):
+            outer.append(candidate)
+    return tuple(outer)
 
 
 def distance_to_segment(point: FloatArray, start: FloatArray, end: FloatArray) -> float:
-    """Distance of a point from a segment (all (3,))."""
+    """Return the distance of a point from a segment (all (3,))."""
     way = end - start
     length = float(way @ way)
     share = 0.0 if length == 0.0 else float(np.clip((point - start) @ way / length, 0.0, 1.0))
@@ -112,7 +114,7 @@ def distance_to_segment(point: FloatArray, start: FloatArray, end: FloatArray) -
 
 
 def _about(points: FloatArray, direction: FloatArray) -> Capsule:
-    """The capsule around points whose axis has this direction."""
+    """Return the capsule around points (m, 3) whose axis has this direction."""
     along = points @ direction
     across = points - np.outer(along, direction)
     middle = 0.5 * (across.min(axis=0) + across.max(axis=0))
@@ -120,7 +122,7 @@ def _about(points: FloatArray, direction: FloatArray) -> Capsule:
     centre = centre - (centre @ direction) * direction
     off = np.linalg.norm(across - centre, axis=1)
     radius = float(off.max())
-    # A point off the axis may stand out beyond an end of the segment as far as the ball around the end reaches there.
+    # A point off the axis may lie beyond an end of the segment as far as the ball around that end reaches there.
     reach = np.sqrt(np.maximum(radius**2 - off**2, 0.0))
     low, high = float((along + reach).min()), float((along - reach).max())
     if low > high:
@@ -130,7 +132,10 @@ def _about(points: FloatArray, direction: FloatArray) -> Capsule:
 
 
 def _centre_of(points: FloatArray) -> FloatArray:
-    """Nearly the centre of the smallest ball around points (m, 3): towards the farthest one, step by step."""
+    """Return nearly the centre of the smallest ball around points (m, 3).
+
+    Bădoiu and Clarkson, Smaller core-sets for balls, 2003: go towards the farthest point in ever shorter steps.
+    """
     centre: FloatArray = np.zeros(3)
     best, least = centre, np.inf
     for step in range(1, _CENTRING):

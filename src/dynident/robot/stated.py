@@ -1,4 +1,4 @@
-"""What is said of a robot's joints beside its description."""
+"""Limits and drive chains of joints, as users state them beside a robot's description."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from dynident.asking import said
 
 SMALLEST, LARGEST = 1e-6, 1e9
-"""In SI units: a limit below keeps a joint still, one above limits no machine."""
+"""Range of limits in SI units: one below keeps a joint still, one above limits no machine."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W. `None` where none is known."""
+    """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W; None where none is known."""
 
     position: tuple[float, float] | None = said("Lowest and highest, rad or m", default=None)
     velocity: float | None = said("rad/s or m/s", default=None, at_least=SMALLEST, at_most=LARGEST)
@@ -42,7 +42,7 @@ class Drive:
 
     @property
     def gain(self) -> float | None:
-        """G_T = N K_a K_T of [12.17b] in N m per unit of current; `None` while a factor is missing."""
+        """G_T = N K_a K_T of [12.17b] in N m per unit of current; None while a factor is missing."""
         if self.drive_gain is not None:
             return self.drive_gain
         if self.gear_ratio is None or self.torque_constant is None:

@@ -1,4 +1,4 @@
-"""Surfaces of links as triangles, as a picture of a robot wants them."""
+"""Surfaces of links as triangles, for pictures of a robot."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from numpy.typing import NDArray
 from dynident.arrays import FloatArray
 
 _FINEST = 96
-"""Cells along the longest edge of a surface with which thinning begins."""
+"""Cells along the longest edge of a surface that the simplification begins with."""
 _COARSER = 0.8
+"""Factor by which the number of cells falls until few enough triangles are left."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles (k, 3) between points (m, 3), as places in the list of points; m."""
+    """Triangles (k, 3), as indices of points (m, 3) in m."""
 
     points: FloatArray
     triangles: NDArray[np.intp]
 
 
 def thinned(surface: Surface, most: int) -> Surface:
-    """The same with at most so many triangles: points of one cell of a grid become their mean.
+    """Return a surface with at most `most` triangles: all points in a cell of a grid become their mean.
 
     Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
 
@@ -31,24 +32,25 @@ def thinned(surface: Surface, most: int) -> Surface:
     ----------
     surface : Surface
     most : int
-        At least 12: what is left of the coarsest grid is no more than a box.
+        At least 12: the coarsest grid leaves no more than a box.
     """
     cells = float(_FINEST)
-    found = surface
-    while len(found.triangles) > most:
-        found = _clustered(surface, cells)
+    coarser = surface
+    while len(coarser.triangles) > most:
+        coarser = _clustered(surface, cells)
         cells *= _COARSER
-    return found
+    return coarser
 
 
 def _clustered(surface: Surface, cells: float) -> Surface:
     low = surface.points.min(axis=0)
     edge = max(float(np.ptp(surface.points, axis=0).max()) / cells, np.finfo(float).tiny)
-    _, own = np.unique(np.floor((surface.points - low) / edge).astype(np.int64), axis=0, return_inverse=True)
-    own = own.reshape(-1)
-    count = np.bincount(own)
-    means = np.column_stack([np.bincount(own, weights=column) / count for column in surface.points.T])
-    corners = own[surface.triangles]
+    _, cell_of_point = np.unique(np.floor((surface.points - low) / edge).astype(np.int64), axis=0, return_inverse=True)
+    cell_of_point = cell_of_point.reshape(-1)
+    count = np.bincount(cell_of_point)
+    means = np.column_stack([np.bincount(cell_of_point, weights=column) / count for column in surface.points.T])
+    # Triangles whose corners fell into one cell are lines or points now; of equal ones the first remains.
+    corners = cell_of_point[surface.triangles]
     a, b, c = corners.T
     whole = corners[(a != b) & (b != c) & (c != a)]
     _, first = np.unique(np.sort(whole, axis=1), axis=0, return_index=True)

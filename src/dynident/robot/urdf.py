@@ -1,4 +1,4 @@
-"""Robots from URDF, read by Pinocchio."""
+"""Read robots from URDF by Pinocchio."""
 
 from __future__ import annotations
 
@@ -30,38 +30,42 @@ def robot_from_urdf(
 ) -> Robot:
     """Return the robot that a URDF describes, on a fixed base.
 
-    Revolute, continuous and prismatic joints about any axis move; fixed and locked joints are merged with their
-    inertias into the link before them. Joints of more than one degree of freedom may be locked at their origin: a
-    floating base that is clamped in a stand. Mimic joints follow: their links are there, but data, drives and limits
-    are of the joints that they follow (`Robot.linkage`). Joints stand in Pinocchio's order. Inertial parameters are
-    about the origin of the joint's frame. Meshes, colours and vendor extensions are not looked at.
+    Revolute, continuous and prismatic joints about any axis move. The links of fixed and locked joints are merged, with
+    their inertias, into the link before. Joints of more than one degree of freedom may be locked at their origin, such
+    as a floating base that is clamped in a stand. Mimic joints follow others: their links count, but data, drives and
+    limits refer to the joints that they follow (`Robot.linkage`). Joints have Pinocchio's order. Inertial parameters
+    are about the origin of the joint's frame. Meshes, colours and vendor extensions are ignored.
 
     Parameters
     ----------
     name, text : str
         Name of the robot; the URDF.
     limits : mapping of joint name to Limits
-        They win over the URDF's, field by field. In the URDF limits of zero, and larger ones than any machine has,
-        count as not stated.
+        They win over the URDF's, field by field. In the URDF, limits of zero or larger than those of any machine count
+        as not stated.
     drives, locked_joints, gravity
         Drive chains by joint; positions (rad, m) to lock joints at; gravity (m/s², base frame), else (0, 0, -9.81).
     rounding_tolerance : float
         Constants this near to 0, ±1/2, ±1 are mended, see `dynident.robot.rounding`.
     pointer : str
-        Where the text stands in the user's request.
+        Where the text is in the user's request.
+
+    Returns
+    -------
+    Robot
 
     Raises
     ------
     DynidentError
-        The XML is malformed (line and column), or the machine is not a tree of such joints on a fixed base (line,
+        If the XML is malformed (line and column), the machine is not a tree of such joints on a fixed base (line,
         joint), or a setting does not fit.
     """
     settings = settings_from(limits, drives, locked_joints, gravity)
     root = parse(text, pointer)
-    stated = settings.locked_joints
-    clamped = clamped_joints(root, stated, pointer)
+    locked_by_user = settings.locked_joints
+    clamped = clamped_joints(root, locked_by_user, pointer)
     tree, ties = checked(root, pointer, clamped), mimics(root, pointer)
-    locked = {name: position for name, position in stated.items() if name not in clamped}
+    locked = {name: position for name, position in locked_by_user.items() if name not in clamped}
     settings = replace(settings, locked_joints=followers_locked(ties, locked))
     try:
         model = pin.buildModelFromXML(write(tree))
@@ -81,7 +85,7 @@ def robot_from_urdf(
         tolerance=rounding_tolerance,
         pointer=pointer,
     )
-    return linked(replace(robot, locked_joints=dict(stated)), ties, title=TITLE, locked=settings.locked_joints)
+    return linked(replace(robot, locked_joints=dict(locked_by_user)), ties, title=TITLE, locked=settings.locked_joints)
 
 
 def _limits(joint: Element) -> Limits:
@@ -89,6 +93,7 @@ def _limits(joint: Element) -> Limits:
     if limit is None:
         return Limits()
     lower, upper, velocity, effort = (float(limit.attributes[key]) for key in ("lower", "upper", "velocity", "effort"))
+    # Zeros stand for limits that the text does not state, see `urdf_xml`.
     bounded = joint.attributes["type"] != "continuous" and lower < upper
     return Limits(
         position=(lower, upper) if bounded else None,

@@ -1,4 +1,4 @@
-"""The <collision> elements of a URDF as shapes."""
+"""Read the <collision> elements of a URDF as shapes."""
 
 from __future__ import annotations
 
@@ -23,24 +23,26 @@ _SHAPES = ("box", "cylinder", "sphere", "capsule")
 
 @dataclass(frozen=True, eq=False)
 class LinkParts:
-    """What a link is made of: shapes that can be touched, and the surfaces of its meshes as they are."""
+    """Convex shapes of a link for collision checks, and the surfaces of its meshes as they are."""
 
     shapes: tuple[Shape, ...]
     surfaces: tuple[Surface, ...] = ()
 
 
 class CollisionReader:
-    """Reads the shapes of links; meshes that cannot be read are told of in `unread`.
+    """Reader of the shapes of links.
 
     Parameters
     ----------
     mesh_folders : sequence of Path
+        Where the files of meshes are looked for.
     unread : list of str
+        Receives a text on each mesh that cannot be read.
 
     Attributes
     ----------
     found : int
-        Meshes whose file was there.
+        Number of meshes whose file exists.
     """
 
     def __init__(self, mesh_folders: Sequence[Path], unread: list[str]) -> None:
@@ -49,12 +51,12 @@ class CollisionReader:
         self.found = 0
 
     def parts_of(self, link: Element, placement: FloatArray) -> LinkParts:
-        """What a link is made of, in the frame that `placement` (4, 4) takes the link's coordinates to.
+        """Return the shapes of a link in the frame that `placement` (4, 4) takes the link's coordinates to.
 
         Raises
         ------
         DynidentError
-            A shape without its sizes, or with sizes that are none (line, link).
+            For a shape without its sizes, or with sizes that are not positive numbers (line, link).
         """
         owner = f"link '{link.attributes['name']}'"
         shapes: list[Shape] = []
@@ -101,31 +103,31 @@ class CollisionReader:
 
 
 def mesh_names(root: Element) -> dict[str, tuple[str, ...]]:
-    """The names of the meshes in the <collision> elements of a URDF, in its order, each with its links."""
-    found: dict[str, tuple[str, ...]] = {}
+    """Return the names of the meshes in <collision> elements of a URDF, in its order, each with its links."""
+    links_of_mesh: dict[str, tuple[str, ...]] = {}
     for link in root.all("link"):
         for collision in link.all("collision"):
             geometry = collision.first("geometry")
             for element in [] if geometry is None else geometry.children:
                 uri = element.attributes.get("filename", "") if element.tag == "mesh" else ""
                 if uri:
-                    found[uri] = tuple(dict.fromkeys((*found.get(uri, ()), link.attributes["name"])))
-    return found
+                    links_of_mesh[uri] = tuple(dict.fromkeys((*links_of_mesh.get(uri, ()), link.attributes["name"])))
+    return links_of_mesh
 
 
 def origin_of(element: Element, owner: str) -> FloatArray:
-    """The placement (4, 4) that the <origin> of an element gives; the identity without one."""
-    made = np.eye(4)
+    """Return the placement (4, 4) in the <origin> of an element; the identity without one."""
+    placement = np.eye(4)
     origin = element.first("origin")
     if origin is None:
-        return made
+        return placement
     if "xyz" in origin.attributes:
-        made[:3, 3] = _numbers(origin, "xyz", owner, 3)
+        placement[:3, 3] = _numbers(origin, "xyz", owner, 3)
     if "quat_xyzw" in origin.attributes:
-        made[:3, :3] = Rotation.from_quat(_numbers(origin, "quat_xyzw", owner, 4)).as_matrix()
+        placement[:3, :3] = Rotation.from_quat(_numbers(origin, "quat_xyzw", owner, 4)).as_matrix()
     elif "rpy" in origin.attributes:
-        made[:3, :3] = Rotation.from_euler("xyz", _numbers(origin, "rpy", owner, 3)).as_matrix()
-    return made
+        placement[:3, :3] = Rotation.from_euler("xyz", _numbers(origin, "rpy", owner, 3)).as_matrix()
+    return placement
 
 
 def _sizes(element: Element, attribute: str, owner: str, count: int) -> FloatArray:
@@ -147,9 +149,9 @@ def _numbers(element: Element, attribute: str, owner: str, count: int) -> FloatA
     except ValueError:
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
-        wanted = "a number" if count == 1 else f"{count} numbers"
+        expected = "a number" if count == 1 else f"{count} numbers"
         raise urdf_error(
-            f'{attribute}="{written}" of the <{element.tag}> in the <collision> of {owner}; expected {wanted}.',
+            f'{attribute}="{written}" of the <{element.tag}> in the <collision> of {owner}; expected {expected}.',
             element.line,
             "",
         )

@@ -1,4 +1,4 @@
-"""Writes a robot as URDF."""
+"""Write a robot as URDF."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _BASE = "base"
 
 
 def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
-    """Return the URDF text of a robot, with the kinematics, limits and inertias to the last digit.
+    """Return the URDF text of a robot, with kinematics, limits and inertias to the last digit.
 
     Parameters
     ----------
@@ -24,13 +24,17 @@ def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
     inertias : ndarray (N, 10), optional
         Inertial parameters in the order of `INERTIAL_NAMES` instead of the robot's own.
 
+    Returns
+    -------
+    str
+
     Raises
     ------
     DynidentError
-        A link's mass is not positive although it has other inertial parameters: a URDF states the centre of mass, which
-        then does not exist.
+        If a link has inertial parameters but no positive mass (a URDF states the centre of mass, which then does not
+        exist), the robot has closed loops, or a joint follows several others.
     """
-    stated = robot.inertias if inertias is None else inertias
+    parameters = robot.inertias if inertias is None else inertias
     ties = {} if robot.linkage is None else robot.linkage.ties
     if robot.linkage is not None and robot.linkage.closure is not None:
         raise DynidentError(
@@ -47,14 +51,14 @@ def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
         if joint.name in ties:
             root.children[-1].children.append(_mimic(joint.name, ties[joint.name]))
         link = Element("link", {"name": links[index]}, 0)
-        if stated is not None and np.any(stated[index]):
-            link.children.append(inertial_element(stated[index], links[index]))
+        if parameters is not None and np.any(parameters[index]):
+            link.children.append(inertial_element(parameters[index], links[index]))
         root.children.append(link)
     return '<?xml version="1.0"?>\n' + write(root, indent=True)
 
 
 def link_names(robot: Robot) -> list[str]:
-    """A name for the link of every joint: its own where it has one, no name twice."""
+    """Return a unique name for the link of every joint: its own where it has one."""
     names: list[str] = []
     for index, joint in enumerate(robot.joints):
         name = joint.link or f"link{index + 1}"
@@ -98,13 +102,14 @@ def _mimic(joint: str, tie: Tie) -> Element:
 
 
 def inertial_element(inertial: FloatArray, link: str) -> Element:
-    """The `<inertial>` of a link with these inertial parameters (10,), to the last digit."""
+    """Return the `<inertial>` of a link with these inertial parameters (10,), to the last digit."""
     if inertial[9] <= 0:
         raise DynidentError(
             f"Link '{link}' has the mass {inertial[9]:g} kg; a URDF needs a positive one. Export physically feasible "
             "parameters.",
             title="Not expressible in URDF",
         )
+    # Inertial parameters are about the frame's origin, a URDF states the inertia about the centre of mass.
     body = pin.Inertia.FromDynamicParameters(dynamic_parameters(inertial))
     tensor = {
         f"i{'xyz'[row]}{'xyz'[column]}": number_text(body.inertia[row, column])

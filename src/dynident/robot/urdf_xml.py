@@ -1,4 +1,4 @@
-"""Reads the XML of a URDF with line numbers, names what is wrong in it, and keeps what the dynamics need."""
+"""Read the XML of a URDF with line numbers, check it, and reduce it to what the dynamics need."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from dynident.robot.xml_text import Element, parse_xml
 TITLE = "Unusable URDF"
 MOVING = ("revolute", "continuous", "prismatic")
 MOST_LINKS = 2000
-"""Links, fixed ones included: Pinocchio walks the tree by recursion, and a stack has an end."""
+"""Most links, fixed ones included: Pinocchio walks the tree by recursion, and the stack is limited."""
 _SHORTEST_AXIS = 1e-6
-"""Of an axis, and the inverse of the longest: beyond, the direction is lost in rounding."""
+"""Shortest axis, and the inverse of the longest: beyond, the direction is lost in rounding."""
 _OF_MORE_FREEDOMS = ("floating", "planar", "ball", "spherical")
 
 
 def urdf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
-    """Error that names the line."""
+    """Return an error that names the line."""
     return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=TITLE)
 
 
 def parse(text: str, pointer: str = "") -> Element:
-    """Return the root element `<robot>`.
+    """Return the root element `<robot>` of a URDF text.
 
     Raises
     ------
     DynidentError
         The text is not XML (with line and column), is a xacro file, its root is another element, or it has more
-        elements, or more inside each other, than any robot needs.
+        elements, or more deeply nested ones, than any robot needs.
     """
     if not text.strip():
         raise urdf_error("The URDF is empty; expected XML whose root is <robot>.", None, pointer)
@@ -46,12 +46,12 @@ def parse(text: str, pointer: str = "") -> Element:
 
 
 def clamped_joints(root: Element, locked: Mapping[str, float], pointer: str = "") -> frozenset[str]:
-    """Find the joints of more than one degree of freedom that are locked, such as the base of a robot in a stand.
+    """Return the joints of more than one degree of freedom that are locked, such as the base of a robot in a stand.
 
     Raises
     ------
     DynidentError
-        One is locked elsewhere than at its origin: one number does not say where.
+        If one is locked elsewhere than at its origin: one number cannot say where.
     """
     clamped = set()
     for joint in root.all("joint"):
@@ -67,11 +67,17 @@ def clamped_joints(root: Element, locked: Mapping[str, float], pointer: str = ""
 def checked(root: Element, pointer: str = "", clamped: Collection[str] = ()) -> Element:
     """Return the `<robot>` reduced to links, inertias, joints and limits, all of them checked.
 
-    The `clamped` joints become fixed ones.
+    Dropping visual elements and vendor extensions also keeps the URDF parser below from complaining on the console. A
+    joint without `<limit>` gets one of zeros, and zeros also replace infinite limits: both mean that no limit is known.
+    The joints that mimic joints follow are read by `mimics`.
 
-    Dropping looks and vendor extensions also keeps the URDF parser below from complaining on the console. A joint
-    without `<limit>` gets one of zeros, and zeros also stand for infinite limits: both say nothing. What mimic
-    joints follow is read by `mimics`.
+    Parameters
+    ----------
+    root : Element
+    pointer : str
+        Where the text is in the user's request.
+    clamped : collection of str
+        Joints that become fixed ones.
     """
 
     def fail(detail: str, line: int) -> DynidentError:
@@ -98,12 +104,12 @@ def checked(root: Element, pointer: str = "", clamped: Collection[str] = ()) -> 
 
 
 def mimics(root: Element, pointer: str = "") -> dict[str, Tie]:
-    """What the mimic joints of a `<robot>` follow, by name: multiplier (1 by default) and offset (0)."""
+    """Return the ties of the mimic joints of a `<robot>`, by name: multiplier (1 by default) and offset (0)."""
 
     def fail(detail: str, line: int) -> DynidentError:
         return urdf_error(detail, line, pointer)
 
-    found = {}
+    ties = {}
     for joint in root.all("joint"):
         mimic = joint.first("mimic")
         if mimic is None or joint.attributes.get("type") == "fixed":
@@ -116,24 +122,24 @@ def mimics(root: Element, pointer: str = "") -> dict[str, Tie]:
             _number(mimic, attribute, owner, fail) if attribute in mimic.attributes else usual
             for attribute, usual in (("multiplier", 1.0), ("offset", 0.0))
         )
-        found[joint.attributes.get("name", "")] = Tie({other: ratio}, offset, pointer, mimic.line)
-    return found
+        ties[joint.attributes.get("name", "")] = Tie({other: ratio}, offset, pointer, mimic.line)
+    return ties
 
 
 _Fail = Callable[[str, int], DynidentError]
 
 
 def _named(root: Element, tag: str, fail: _Fail) -> Iterator[tuple[str, Element]]:
-    seen: dict[str, int] = {}
+    first_line: dict[str, int] = {}
     for element in root.all(tag):
         name = element.attributes.get("name", "")
         if not name:
             raise fail(f"A <{tag}> has no name.", element.line)
-        if name in seen:
-            raise fail(f"The {tag} name '{name}' is used twice (first on line {seen[name]}).", element.line)
+        if name in first_line:
+            raise fail(f"The {tag} name '{name}' is used twice (first on line {first_line[name]}).", element.line)
         if tag == "joint" and name == "universe":
             raise fail("A joint cannot be called 'universe': that is the name of the fixed base.", element.line)
-        seen[name] = element.line
+        first_line[name] = element.line
         yield name, element
 
 
@@ -172,12 +178,13 @@ def _check_tree(joints: dict[str, Element], links: dict[str, Element], fail: _Fa
             f"{len(roots)} links have no parent ({listed(roots)}); a robot has one base. Connect them by joints.",
             links[roots[1]].line,
         )
+    # One root is no proof of a tree: joints that form a circle have no root. Walk from every link to the base.
     for name, (parent, joint_name) in parent_of.items():
-        seen = {name}
+        visited = {name}
         while parent in parent_of:
-            if parent in seen:
+            if parent in visited:
                 raise fail(f"Link '{name}' hangs on a loop of joints, not on the base.", joints[joint_name].line)
-            seen.add(parent)
+            visited.add(parent)
             parent = parent_of[parent][0]
 
 
@@ -207,9 +214,9 @@ def _reduced_link(name: str, link: Element, fail: _Fail) -> Element:
             _number(element, attribute, owner, fail)
     if _number(mass, "value", owner, fail) < 0:
         raise fail(f"The mass of {owner} is negative.", mass.line)
-    kept = Element("inertial", {}, inertial.line)
-    kept.children.extend([*_origin(inertial, owner, fail), mass, inertia])
-    reduced.children.append(kept)
+    reduced_inertial = Element("inertial", {}, inertial.line)
+    reduced_inertial.children.extend([*_origin(inertial, owner, fail), mass, inertia])
+    reduced.children.append(reduced_inertial)
     return reduced
 
 
@@ -232,17 +239,18 @@ def _reduced_joint(name: str, joint: Element, fail: _Fail) -> Element:
 
 
 def _limit(joint: Element, owner: str, fail: _Fail) -> Element:
-    given = joint.first("limit") or Element("limit", {}, joint.line)
+    element = joint.first("limit") or Element("limit", {}, joint.line)
     values = {
-        attribute: _number(given, attribute, owner, fail) if attribute in given.attributes else 0.0
+        attribute: _number(element, attribute, owner, fail) if attribute in element.attributes else 0.0
         for attribute in ("lower", "upper", "velocity", "effort")
     }
     if values["lower"] > values["upper"]:
-        raise fail(f"The lower limit of {owner} is above its upper limit.", given.line)
-    stated = {name: value if math.isfinite(value) else 0.0 for name, value in values.items()}
+        raise fail(f"The lower limit of {owner} is above its upper limit.", element.line)
+    bounds = {name: value if math.isfinite(value) else 0.0 for name, value in values.items()}
+    # A range that is infinite on one side limits nothing that can be stated: drop both ends.
     if not all(math.isfinite(values[bound]) for bound in ("lower", "upper")):
-        stated["lower"] = stated["upper"] = 0.0
-    return Element("limit", {name: repr(value) for name, value in stated.items()}, given.line)
+        bounds["lower"] = bounds["upper"] = 0.0
+    return Element("limit", {name: repr(value) for name, value in bounds.items()}, element.line)
 
 
 def _origin(parent: Element, owner: str, fail: _Fail) -> list[Element]:
@@ -261,15 +269,15 @@ def _number(element: Element, attribute: str, owner: str, fail: _Fail) -> float:
 
 def _numbers(element: Element, attribute: str, owner: str, fail: _Fail, count: int = 3) -> tuple[float, ...]:
     written = element.attributes.get(attribute)
-    wanted = "a number" if count == 1 else f"{count} numbers"
+    expected = "a number" if count == 1 else f"{count} numbers"
     if written is None:
-        raise fail(f"The <{element.tag}> of {owner} has no {attribute}; expected {wanted}.", element.line)
+        raise fail(f"The <{element.tag}> of {owner} has no {attribute}; expected {expected}.", element.line)
     try:
         values = tuple(float(word) for word in written.split())
     except ValueError:
         values = ()
     if len(values) != count or not (all(map(math.isfinite, values)) or element.tag == "limit"):
-        raise fail(f'{attribute}="{written}" in the <{element.tag}> of {owner}; expected {wanted}.', element.line)
+        raise fail(f'{attribute}="{written}" in the <{element.tag}> of {owner}; expected {expected}.', element.line)
     if any(map(math.isnan, values)):
         raise fail(f'{attribute}="{written}" in the <{element.tag}> of {owner} is not a number.', element.line)
     return values

@@ -1,4 +1,4 @@
-"""XML with line numbers: read, and written for people or for other programs."""
+"""Read XML with line numbers, and write it for people or for other programs."""
 
 from __future__ import annotations
 
@@ -11,11 +11,9 @@ from dynident.errors import DynidentError
 from dynident.robot.pointers import check_unicode
 
 MOST_ELEMENTS = 100_000
-"""Elements of the whole text, looks included: a robot of 2000 links has about 50 000."""
+"""Most elements of a text, visual ones included: a robot of 2000 links has about 50 000."""
 DEEPEST = 100
-"""Elements inside each other; a URDF needs six."""
-
-
+"""Deepest nesting of elements; a URDF needs six."""
 _PART_BYTES = 2**16
 
 
@@ -29,21 +27,29 @@ class Element:
     children: list[Element] = field(default_factory=list)
 
     def all(self, tag: str) -> Iterator[Element]:
-        """Children of that tag."""
+        """Return the children with this tag."""
         return (child for child in self.children if child.tag == tag)
 
     def first(self, tag: str) -> Element | None:
-        """First child of that tag."""
+        """Return the first child with this tag; None if there is none."""
         return next(self.all(tag), None)
 
 
 def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
-    """The root element of a text that is not empty; `what` it should be stands in messages.
+    """Return the root element of a text that is not empty.
+
+    Parameters
+    ----------
+    text : str
+    what : str
+        What the text should be, for messages: "A URDF".
+    pointer, title : str
+        JSON pointer and title of errors.
 
     Raises
     ------
     DynidentError
-        The text is not XML (with line and column), or it has more elements, or more inside each other, than any robot
+        The text is not XML (with line and column), or it has more elements, or more deeply nested ones, than any robot
         needs.
     """
     check_unicode(text, pointer, title)
@@ -73,6 +79,7 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
     def end(tag: str) -> None:
         open_elements.pop()
 
+    # A document type can define entities that expand without end, or that read other files.
     def doctype(*_: object) -> None:
         raise fail(f"{what} has no document type declaration; remove <!DOCTYPE …>.", None)
 
@@ -89,7 +96,7 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
 
 
 def root_element(text: str) -> Element | None:
-    """The root element without its children; `None` where the text does not begin as XML."""
+    """Return the root element without its children; None if the text does not begin as XML."""
     root: list[Element] = []
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -99,6 +106,7 @@ def root_element(text: str) -> Element | None:
     parser = expat.ParserCreate("utf-8")
     parser.StartElementHandler = start
     content = text.strip().encode(errors="replace")
+    # Stop at the first element: the text may be large, and only its kind is of interest here.
     try:
         for first in range(0, len(content), _PART_BYTES):
             parser.Parse(content[first : first + _PART_BYTES], False)
@@ -110,7 +118,7 @@ def root_element(text: str) -> Element | None:
 
 
 def write(element: Element, indent: bool = False, depth: int = 0) -> str:
-    """XML text of the element, on one line, or indented for people."""
+    """Return the XML text of an element, on one line or indented for people."""
     margin, end = ("  " * depth, "\n") if indent else ("", "")
     attributes = _attributes(element)
     if not element.children:
@@ -120,12 +128,15 @@ def write(element: Element, indent: bool = False, depth: int = 0) -> str:
 
 
 def number_text(*values: float) -> str:
-    """Numbers as an attribute, to the last digit."""
+    """Return numbers as the text of an attribute, to the last digit."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def write_in_place(root: Element) -> str:
-    """XML text in which every element starts on the line that it was read from: for programs that name lines."""
+    """Return XML text in which every element starts on the line that it was read from.
+
+    The line numbers in messages of other programs, such as MuJoCo, are then those of the user's text.
+    """
     parts: list[str] = []
     line = 1
 
@@ -143,7 +154,7 @@ def write_in_place(root: Element) -> str:
 
 
 def _attributes(element: Element) -> str:
-    # Loaded by those who write: it brings along what speaks to the network.
+    # Imported here, because it loads the network modules of the standard library and most callers only read.
     from xml.sax.saxutils import quoteattr
 
     for value in element.attributes.values():

@@ -1,4 +1,4 @@
-"""The joint controller of a virtual robot: feed-forward torque, and gains that follow from the inertia."""
+"""Joint controller of a virtual robot: feed-forward torque, and gains that follow from the inertia."""
 
 from __future__ import annotations
 
@@ -23,9 +23,16 @@ FEED_FORWARD_RATE = 1000.0
 class Controller:
     """Independent joint control with feed-forward.
 
-    `bandwidth` is the natural frequency of a joint's error in Hz, `damping_ratio` its damping. A joint whose friction
-    would hold it back by more than `largest_lag` (rad or m) is controlled more stiffly. The controller knows the links
-    but neither the friction nor any other effect, hence a realistic tracking error.
+    The controller knows the links but neither the friction nor any other effect, hence a realistic tracking error.
+
+    Parameters
+    ----------
+    feed_forward : {"computed_torque", "gravity", "none"}
+    bandwidth : float
+        Natural frequency of a joint's error, Hz.
+    damping_ratio : float
+    largest_lag : float
+        A joint whose friction would hold it back by more than this (rad or m) is controlled more stiffly.
     """
 
     feed_forward: FeedForward = "computed_torque"
@@ -43,24 +50,28 @@ class Gains:
 
 
 def joint_gains(controller: Controller, dynamics: Dynamics, path: ReferencePath, times: FloatArray) -> Gains:
-    """Gains from the mean inertia of each joint along the motion, at times (k,) within it."""
-    some = times[:: max(1, len(times) // _STATES)]
-    q, dq, _ = path.at(some)
-    states = len(some)
+    """Return the gains for the mean inertia of each joint along the motion, sampled at times (k,) within it."""
+    sampled_times = times[:: max(1, len(times) // _STATES)]
+    q, dq, _ = path.at(sampled_times)
+    states = len(sampled_times)
     inertia = dynamics.mass_diagonal(q).mean(axis=0)
     load = dynamics.rigid(q, np.zeros_like(q), np.zeros_like(q))
-    heat = path.temperature_at(some)
+    heat = path.temperature_at(sampled_times)
+    # Hysteresis fully tensioned and every effect present: the largest resistance that the controller may meet.
     memory = np.ones((states, len(dynamics.signals.memory_signals)))
     still = np.zeros_like(q)
     runs = np.ones((states, len(dynamics.runs)))
-    resistance = np.abs(dynamics.rest(q, dq, still, load, memory, some[:, None], heat, runs)).max(axis=0)
-    wanted = 2 * np.pi * controller.bandwidth
-    frequency = np.clip(np.sqrt(resistance / controller.largest_lag / inertia), wanted, max(wanted, _FASTEST))
+    resistance = np.abs(dynamics.rest(q, dq, still, load, memory, sampled_times[:, None], heat, runs)).max(axis=0)
+    least_frequency = 2 * np.pi * controller.bandwidth
+    # The static error is resistance / stiffness, and stiffness = inertia * frequency².
+    frequency = np.clip(
+        np.sqrt(resistance / controller.largest_lag / inertia), least_frequency, max(least_frequency, _FASTEST)
+    )
     return Gains(inertia * frequency**2, 2 * controller.damping_ratio * inertia * frequency)
 
 
 def feed_forward_torque(controller: Controller, dynamics: Dynamics, path: ReferencePath, t: FloatArray) -> FloatArray:
-    """Feed-forward torque (k, n) at times t (k,)."""
+    """Return the feed-forward torque (k, n) at times t (k,)."""
     q, dq, ddq = path.at(t)
     if controller.feed_forward == "none":
         return np.zeros_like(q)

@@ -1,4 +1,4 @@
-"""The equation of motion of a virtual robot, sorted by what determines each torque."""
+"""Equation of motion of a virtual robot, sorted by what determines each torque."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ from dynident.simulation.truth import TrueColumns, TrueEffect, true_columns, tru
 class Expressions:
     """Symbolic parts of the equation of motion M ddq + c + position torque + rest = tau.
 
-    The derivatives of `rest` are those by acceleration, velocity (with the directions of friction held) and directions.
+    `rest_mass`, `rest_slope` and `dry` are the derivatives of `rest` by acceleration, by velocity (with the directions
+    of
+    friction held) and by these directions.
     """
 
     mass: ca.SX
@@ -33,13 +35,23 @@ class Expressions:
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
-    """The equation of motion of one virtual robot.
+    """Equation of motion of one virtual robot.
 
-    rigid : (q, dq, ddq) -> torque of the links
-    mass_diagonal : q -> diagonal of the mass matrix with all that turns with acceleration
-    rest : (q, dq, ddq, load, z, time, temperature, runs) -> torque of all effects other than the links
-    sliding : the relative velocities with dry friction: those of the n joints first, then any others
-    runs : the run signals among its inputs, each 1 in its runs and 0 in all others
+    Parameters
+    ----------
+    robot : Robot
+    signals : SimulatedSignals
+    sliding : tuple of Sliding
+        The relative velocities with dry friction: those of the n joints first, then any others.
+    runs : tuple of RunSignal
+        The run signals among its inputs, each 1 in its runs and 0 in all others.
+    parts : Expressions
+    rigid : Program
+        (q, dq, ddq) -> torque of the links.
+    mass_diagonal : Program
+        q -> diagonal of the mass matrix with all inertia, that of rotors included.
+    rest : Program
+        (q, dq, ddq, load, z, time, temperature, runs) -> torque of all effects other than the links.
     """
 
     robot: Robot
@@ -53,12 +65,12 @@ class Dynamics:
 
     @property
     def n_state(self) -> int:
-        """Length of a step's state."""
+        """Length of the state of a step."""
         return 4 * self.robot.n + len(self.signals.memory_signals) + len(self.sliding)
 
     @property
     def n_inputs(self) -> int:
-        """Length of a step's inputs."""
+        """Length of the inputs of a step."""
         return 4 * self.robot.n + 1 + len(self.runs)
 
 
@@ -69,8 +81,13 @@ def build_dynamics(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
     ----------
     robot : Robot
     effects : sequence of TrueEffect
-        What acts besides the links; what is a matter of the sensors alone is left out.
+        What acts besides the links; effects of the sensors alone are left out.
     inertias : (n, 10)
+        Inertial parameters of the links.
+
+    Returns
+    -------
+    Dynamics
     """
     signals = SimulatedSignals(robot)
     truth = true_columns(effects, signals)
@@ -79,7 +96,7 @@ def build_dynamics(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
     links = ca.mtimes(parts.mass, signals.ddq) + parts.bias
     others = _as_it_slides(parts.rest, sliding) + parts.position_torque
     # What turns with acceleration does so whatever the velocity, load and history.
-    anything = [
+    irrelevant = [
         signals.load,
         signals.memory_symbols,
         signals.dq,
@@ -88,8 +105,8 @@ def build_dynamics(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
         run_symbols(signals, runs),
         directions(sliding),
     ]
-    still = [ca.SX.zeros(item.numel(), 1) for item in anything]
-    inertia = ca.substitute([parts.mass + parts.rest_mass], anything, still)[0]
+    zeros = [ca.SX.zeros(item.numel(), 1) for item in irrelevant]
+    inertia = ca.substitute([parts.mass + parts.rest_mass], irrelevant, zeros)[0]
     return Dynamics(
         robot=robot,
         signals=signals,
@@ -103,22 +120,22 @@ def build_dynamics(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
 
 
 def directions(sliding: Sequence[Sliding]) -> ca.SX:
-    """SX (number of sliding velocities, 1): the symbols of their directions."""
-    return ca.vertcat(*(one.direction for one in sliding))
+    """Return the symbols of the directions of friction, SX (number of sliding velocities, 1)."""
+    return ca.vertcat(*(relative.direction for relative in sliding))
 
 
 def _as_it_slides(torque: ca.SX, sliding: Sequence[Sliding]) -> ca.SX:
-    """The torque with every direction that of its velocity."""
-    return ca.substitute(torque, directions(sliding), ca.vertcat(*(ca.sign(one.velocity) for one in sliding)))
+    """Return the torque with every direction of friction set to the sign of its velocity."""
+    return ca.substitute(torque, directions(sliding), ca.vertcat(*(ca.sign(relative.velocity) for relative in sliding)))
 
 
 def run_symbols(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> ca.SX:
-    """SX (number of runs, 1)."""
+    """Return the run signals, SX (number of runs, 1)."""
     return ca.vertcat(*(signals.in_runs(run) for run in runs)) if runs else ca.SX(0, 1)
 
 
 def rest_inputs(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> list[ca.SX]:
-    """What all effects other than the links depend on, besides the directions of friction."""
+    """Return the inputs of all effects other than the links, besides the directions of friction."""
     return [
         signals.q,
         signals.dq,
@@ -134,7 +151,7 @@ def rest_inputs(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> list[ca
 def _expressions(
     signals: SimulatedSignals, truth: TrueColumns, inertias: FloatArray, reference: ReferenceParameters
 ) -> tuple[Expressions, tuple[Sliding, ...]]:
-    """Sort the torque into what the mass matrix, the position, and the velocity or memory determine."""
+    """Sort the torque by its cause: the mass matrix, the position, or the velocity and memory."""
     n = signals.robot.n
     standard = ca.DM(inertias.reshape(-1))
     links = ca.mtimes(signals.mechanics.rows, standard)
@@ -144,6 +161,7 @@ def _expressions(
         if not signals.moves(column.torque):
             continue
         torque = ca.substitute(column.torque, signals.reference, ca.SX(ca.DM(reference.vector))) * float(value)
+        # Torque of the position alone is known at the beginning of a step; only the rest has to be iterated.
         if {symbol.name() for symbol in ca.symvar(torque)} <= {symbol.name() for symbol in ca.symvar(signals.q)}:
             position_torque += torque
         else:

@@ -1,4 +1,4 @@
-"""What a virtual robot's measurement gives, and how it is written down."""
+"""Recordings of a virtual robot, and their files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from dynident.robot.model import Robot
 class Truth:
     """What really happened at the samples: q, dq, ddq, tau (m, n), without quantisation and noise.
 
-    tau is the torque that the motors gave; gains that are off, or a delay, come in where it is measured.
+    tau is the torque that the motors gave; wrong gains or a delay enter where it is measured.
     """
 
     q: FloatArray
@@ -34,11 +34,27 @@ class Truth:
 class Measurement:
     """A virtual robot's recording.
 
-    t (m,) in s; q (m, n) as the encoders give it; `tau` (m, n) measured motor torque in N m or N, referred to the
-    joint, with noise; `current` (m, n) instead of it in the file where the robot records currents; `truth` behind
-    them; `noise` (n,) standard deviation of the torque noise: no model can predict better than this;
-    `tracking_error` (n,) largest distance from the reference; `segment` (m,) number of the run, from 1 on, where
-    there is more than one.
+    Parameters
+    ----------
+    robot : Robot
+    t : (m,)
+        Times, s.
+    q : (m, n)
+        Positions as the encoders give them.
+    tau : (m, n)
+        Measured motor torque, N m or N, referred to the joint, with noise.
+    current : (m, n) or None
+        Motor currents, which replace `tau` in the file where the robot records currents.
+    temperature : (m, n) or None
+        Joint temperatures, degC.
+    truth : Truth
+        The motion and torque without sensors.
+    noise : (n,)
+        Standard deviation of the torque noise: no model can predict better than this.
+    tracking_error : (n,)
+        Largest distance from the reference.
+    segment : (m,) or None
+        Number of the run, from 1 on, where there is more than one.
     """
 
     robot: Robot
@@ -59,7 +75,16 @@ class Measurement:
 
 
 def joined(runs: Sequence[Measurement]) -> Measurement:
-    """Runs of one robot, one after another, as one measurement with a segment for each."""
+    """Concatenate runs of one robot into one recording with a segment for each.
+
+    Parameters
+    ----------
+    runs : sequence of Measurement
+
+    Returns
+    -------
+    Measurement
+    """
     if len(runs) == 1:
         return runs[0]
     first = runs[0]
@@ -70,7 +95,7 @@ def joined(runs: Sequence[Measurement]) -> Measurement:
         tau=np.concatenate([run.tau for run in runs]),
         current=_stacked([run.current for run in runs]),
         temperature=_stacked([run.temperature for run in runs]),
-        truth=Truth(*(np.concatenate(part) for part in zip(*(_parts(run.truth) for run in runs), strict=True))),
+        truth=Truth(*(np.concatenate(series) for series in zip(*(_parts(run.truth) for run in runs), strict=True))),
         noise=np.max([run.noise for run in runs], axis=0),
         tracking_error=np.max([run.tracking_error for run in runs], axis=0),
         segment=np.repeat(np.arange(1, len(runs) + 1), [run.n_samples for run in runs]),
@@ -82,12 +107,22 @@ def _parts(truth: Truth) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray
 
 
 def _stacked(parts: Sequence[FloatArray | None]) -> FloatArray | None:
-    there = [item for item in parts if item is not None]
-    return np.concatenate(there) if there else None
+    present = [part for part in parts if part is not None]
+    return np.concatenate(present) if present else None
 
 
 def measurement_table(measurement: Measurement) -> pa.Table:
-    """The columns of a measurement file: t, q1 …, tau1 … or current1 …; temperature1 … and segment if there is any."""
+    """Return the columns of a recording's file.
+
+    Parameters
+    ----------
+    measurement : Measurement
+
+    Returns
+    -------
+    pyarrow.Table
+        t, q1 …, tau1 … or current1 …; temperature1 … and segment where there are any.
+    """
     columns: dict[str, FloatArray | NDArray[np.int64]] = {"t": measurement.t}
     signals = {
         "q": measurement.q,
@@ -102,7 +137,19 @@ def measurement_table(measurement: Measurement) -> pa.Table:
 
 
 def write_measurement(measurement: Measurement, path: Path, file_format: Literal["csv", "parquet"] = "parquet") -> Path:
-    """Write a measurement as a file that `dynident.recordings.import_recording` reads."""
+    """Write a file that `dynident.recordings.import_recording` reads.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    path : Path
+    file_format : {"parquet", "csv"}
+
+    Returns
+    -------
+    Path
+        `path`.
+    """
     table = measurement_table(measurement)
     if file_format == "csv":
         path.write_bytes(csv_of(table))

@@ -1,4 +1,4 @@
-"""The motion that a virtual robot is asked for."""
+"""Reference motion that a virtual robot has to follow."""
 
 from __future__ import annotations
 
@@ -17,9 +17,16 @@ _TITLE = "Unusable trajectory"
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A trajectory: t (m,) in s, strictly increasing; q, dq, ddq (m, n) in rad, rad/s, rad/s² (m, … if prismatic).
+    """A sampled trajectory.
 
-    `temperature` (m, n) in degC where the joints' temperature is to be prescribed.
+    Parameters
+    ----------
+    t : (m,)
+        Times, s, strictly increasing.
+    q, dq, ddq : (m, n)
+        rad, rad/s, rad/s² (m, … if prismatic).
+    temperature : (m, n), optional
+        degC, where the joints' temperature is prescribed.
     """
 
     t: FloatArray
@@ -30,12 +37,21 @@ class Reference:
 
     @property
     def duration(self) -> float:
-        """From the first to the last sample, in s."""
+        """Time from the first to the last sample, s."""
         return float(self.t[-1] - self.t[0])
 
 
 def warmed(reference: Reference, warming: Warming) -> Reference:
-    """The same trajectory, along which all joints warm up.
+    """Return the same trajectory, along which all joints warm up.
+
+    Parameters
+    ----------
+    reference : Reference
+    warming : Warming
+
+    Returns
+    -------
+    Reference
 
     Raises
     ------
@@ -54,25 +70,27 @@ def warmed(reference: Reference, warming: Warming) -> Reference:
 
 
 class ReferencePath:
-    """A reference trajectory at any time: cubic between samples, with their velocities and accelerations kept."""
+    """A reference trajectory at any time: cubic between samples, through their velocities and accelerations."""
 
     def __init__(self, reference: Reference) -> None:
         self._reference = reference
+        # Position and velocity are interpolated separately: the derivative of a cubic through q and dq would not meet
+        # the given accelerations.
         self._q = CubicHermiteSpline(reference.t, reference.q, reference.dq)
         self._dq = CubicHermiteSpline(reference.t, reference.dq, reference.ddq)
 
     def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Position, velocity and acceleration, each (k, n), at times t (k,)."""
+        """Return position, velocity and acceleration, each (k, n), at times t (k,)."""
         inside = np.clip(t, self._reference.t[0], self._reference.t[-1])
         return self._q(inside), self._dq(inside), self._dq(inside, 1)
 
     def temperature_at(self, t: FloatArray) -> FloatArray:
-        """Temperature (k, n) at times t (k,); zeros where none is prescribed."""
-        given = self._reference.temperature
+        """Return the temperature (k, n) at times t (k,); zeros where none is prescribed."""
+        prescribed = self._reference.temperature
         n = self._reference.q.shape[1]
-        if given is None:
+        if prescribed is None:
             return np.zeros((len(t), n))
-        return np.column_stack([np.interp(t, self._reference.t, given[:, j]) for j in range(n)])
+        return np.column_stack([np.interp(t, self._reference.t, prescribed[:, j]) for j in range(n)])
 
 
 def check_reference(reference: Reference, robot: Robot) -> None:
@@ -80,10 +98,10 @@ def check_reference(reference: Reference, robot: Robot) -> None:
     m = len(reference.t)
     if reference.t.ndim != 1 or m < 2:
         raise DynidentError("a trajectory needs at least two samples", pointer="/trajectory/t", title=_TITLE)
-    parts = {"t": reference.t, "q": reference.q, "dq": reference.dq, "ddq": reference.ddq}
+    arrays = {"t": reference.t, "q": reference.q, "dq": reference.dq, "ddq": reference.ddq}
     if reference.temperature is not None:
-        parts["temperature"] = reference.temperature
-    for name, values in parts.items():
+        arrays["temperature"] = reference.temperature
+    for name, values in arrays.items():
         if name != "t" and values.shape != (m, robot.n):
             raise DynidentError(
                 f"{name} has the shape {values.shape}; {m} samples of t and {robot.n} joints need {(m, robot.n)}",

@@ -1,4 +1,4 @@
-"""Everything that one simulation needs, in one value, and the standard parameters by their names."""
+"""Request of one simulation, and standard parameters by their names."""
 
 from __future__ import annotations
 
@@ -30,10 +30,21 @@ _FRICTION = {parameter: effect for effect, parameter in (ROTOR_INERTIA, COULOMB,
 
 @dataclass(frozen=True, eq=False)
 class SimulationRequest(Session):
-    """A virtual robot, the motion it makes, the session in which it does and the sensors it is measured with.
+    """A virtual robot, its motion, the session in which it moves and the sensors that measure it.
 
-    `inertias` (n, 10) None: those of the robot's description. An effect that is in some of the runs alone names them
-    "1", "2" and so on. `warming` counts where the reference does not say how warm the joints become.
+    Parameters
+    ----------
+    reference : Reference
+    effects : tuple of TrueEffect
+        An effect that acts in some of the runs alone names them "1", "2" and so on.
+    inertias : (n, 10), optional
+        Inertial parameters of the links; those of the robot's description where left out.
+    sensors : Sensors
+    controller : Controller
+
+    Notes
+    -----
+    `warming` of the session counts where the reference prescribes no temperatures.
     """
 
     reference: Reference
@@ -54,6 +65,16 @@ class StandardParameters:
 def simulate(robot: Robot, request: SimulationRequest, progress: Progress = silent) -> Measurement:
     """Build the virtual robot of a request and measure it.
 
+    Parameters
+    ----------
+    robot : Robot
+    request : SimulationRequest
+    progress : Progress
+
+    Returns
+    -------
+    Measurement
+
     Raises
     ------
     DynidentError
@@ -62,24 +83,26 @@ def simulate(robot: Robot, request: SimulationRequest, progress: Progress = sile
     _check(request)
     progress(0.0, "building the equation of motion")
     virtual = VirtualRobot(robot, request.effects, inertias=request.inertias, controller=request.controller)
-    found = []
+    recordings = []
     for k in range(request.runs):
         share = part(progress, 0.05 + 0.95 * k / request.runs, 0.05 + 0.95 * (k + 1) / request.runs)
         reference, seed = _reference_of_run(request, k), _seed_of_run(request.seed, k)
-        found.append(virtual.measure(reference, request.sensors, run=str(k + 1), seed=seed, progress=share))
-    return joined(found)
+        recordings.append(virtual.measure(reference, request.sensors, run=str(k + 1), seed=seed, progress=share))
+    return joined(recordings)
 
 
 def _reference_of_run(request: SimulationRequest, k: int) -> Reference:
+    # The session's time goes on between runs, so that effects of time and temperature do.
     later = k * (request.reference.duration + request.pause)
     reference = replace(request.reference, t=request.reference.t + later)
-    heated = any(effect_by_id(one.effect).needs_temperature for one in request.effects)
+    heated = any(effect_by_id(effect.effect).needs_temperature for effect in request.effects)
     if reference.temperature is None and (heated or request.warming is not None):
         return warmed(reference, request.warming or Warming())
     return reference
 
 
 def _seed_of_run(seed: int, k: int) -> int:
+    """Return the seed of the k-th run; the first run has that of the session, as a single run would."""
     return seed if k == 0 else int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
 
 
@@ -90,7 +113,18 @@ def _check(request: SimulationRequest) -> None:
 
 
 def check_runs_named(effect: str, named: Sequence[str], runs: int, pointer: str) -> None:
-    """Raise `DynidentError` where an effect names a run that is not among so many."""
+    """Raise `DynidentError` where an effect names a run that does not exist.
+
+    Parameters
+    ----------
+    effect : str
+    named : sequence of str
+        Labels of the runs that the effect names.
+    runs : int
+        Number of runs.
+    pointer : str
+        Where the names stand in the request.
+    """
     labels = [str(k + 1) for k in range(runs)]
     unknown = [run for run in named if run not in labels]
     if unknown:
@@ -100,7 +134,17 @@ def check_runs_named(effect: str, named: Sequence[str], runs: int, pointer: str)
 
 
 def standard_parameters(robot: Robot, values: Mapping[str, float]) -> StandardParameters:
-    """Standard parameters of [12.1] by name ("ZZ2", "M3", "Ia1", "Fc1", "Fv1"), over those of the description.
+    """Return standard parameters of [12.1], given by name, in place of those of the description.
+
+    Parameters
+    ----------
+    robot : Robot
+    values : mapping of str to float
+        By names such as "ZZ2", "M3", "Ia1", "Fc1", "Fv1".
+
+    Returns
+    -------
+    StandardParameters
 
     Raises
     ------
@@ -122,6 +166,7 @@ def standard_parameters(robot: Robot, values: Mapping[str, float]) -> StandardPa
 
 
 def _split(robot: Robot, name: str, pointer: str) -> tuple[str, int]:
+    """Split a name such as "ZZ2" into parameter and joint index."""
     matched = _NUMBERED.match(name)
     if matched:
         kind, number = matched.group(1), int(matched.group(2))

@@ -1,4 +1,4 @@
-"""From what is asked of a virtual robot to the simulation of one robot."""
+"""Turn a request for a virtual robot into the simulation of one robot."""
 
 from __future__ import annotations
 
@@ -17,76 +17,115 @@ from dynident.simulation.truth import TrueEffect
 from dynident.simulation.typical import typical_drive, typical_effect
 
 
-def simulation_of(asked: Simulated, robot: Robot, reference: Reference, rate: float) -> SimulationRequest:
-    """The simulation of a robot along a trajectory that is sampled at `rate` Hz where nothing else is asked.
+def simulation_of(requested: Simulated, robot: Robot, reference: Reference, rate: float) -> SimulationRequest:
+    """Return the simulation of a robot along a trajectory.
+
+    Parameters
+    ----------
+    requested : Simulated
+    robot : Robot
+    reference : Reference
+    rate : float
+        Sampling rate of the trajectory, Hz, which the sensors have where the request names none.
+
+    Returns
+    -------
+    SimulationRequest
 
     Raises
     ------
     DynidentError
-        Where what is asked does not fit the robot.
+        Where the request does not fit the robot.
     """
-    acting = true_effects(asked.effects, robot)
-    named = standard_parameters(robot, asked.parameters) if asked.parameters else None
+    acting = true_effects(requested.effects, robot)
+    named = standard_parameters(robot, requested.parameters) if requested.parameters else None
     return SimulationRequest(
         reference=reference,
         effects=acting if named is None else beside(acting, named.effects),
         inertias=None if named is None else named.inertias,
-        sensors=replace(asked.noise, sampling_rate=asked.sampling_rate or rate),
-        controller=Controller(asked.feed_forward),
-        **{one.name: getattr(asked, one.name) for one in fields(Session)},
+        sensors=replace(requested.noise, sampling_rate=requested.sampling_rate or rate),
+        controller=Controller(requested.feed_forward),
+        **{session.name: getattr(requested, session.name) for session in fields(Session)},
     )
 
 
-def check_acting(asked: Simulated, robot: Robot) -> None:
-    """Raise `DynidentError` where the effects asked for do not fit the robot or the runs."""
-    true_effects(asked.effects, robot)
-    for index, one in enumerate(asked.effects):
-        check_runs_named(one.effect, one.runs, asked.runs, f"/effects/{index}/runs")
+def check_acting(requested: Simulated, robot: Robot) -> None:
+    """Raise `DynidentError` where the requested effects do not fit the robot or the runs.
+
+    Parameters
+    ----------
+    requested : Simulated
+    robot : Robot
+    """
+    true_effects(requested.effects, robot)
+    for index, acting in enumerate(requested.effects):
+        check_runs_named(acting.effect, acting.runs, requested.runs, f"/effects/{index}/runs")
 
 
-def true_effects(asked: Sequence[ActingEffect], robot: Robot) -> tuple[TrueEffect, ...]:
-    """The effects with their sizes, joint by joint; the links need not be named, they are always there.
+def true_effects(acting_effects: Sequence[ActingEffect], robot: Robot) -> tuple[TrueEffect, ...]:
+    """Return the requested effects with their sizes, joint by joint.
+
+    The links need not be named; they are always present.
+
+    Parameters
+    ----------
+    acting_effects : sequence of ActingEffect
+    robot : Robot
+
+    Returns
+    -------
+    tuple of TrueEffect
 
     Raises
     ------
     DynidentError
-        For an unknown effect, joint or shape constant, or an effect without a usual size and no parameters.
+        For an unknown effect, joint or shape constant, or an effect that has neither a usual size nor parameters.
     """
-    found: list[TrueEffect] = []
-    for index, one in enumerate(asked):
-        if one.effect == LINKS.effect and not one.parameters:
+    effects: list[TrueEffect] = []
+    for index, acting in enumerate(acting_effects):
+        if acting.effect == LINKS.effect and not acting.parameters:
             continue
         pointer = f"/effects/{index}"
         try:
-            found += [_true_effect(one, robot, joint) for joint in _joints(one, robot)]
+            effects += [_true_effect(acting, robot, joint) for joint in _joints(acting, robot)]
         except DynidentError as error:
             error.pointer = f"{pointer}{error.pointer}"
             raise
-    return tuple(found)
+    return tuple(effects)
 
 
 def beside(usual: Sequence[TrueEffect], stated: Sequence[TrueEffect]) -> tuple[TrueEffect, ...]:
-    """The stated effects, and the usual ones where none of these stands in their place."""
-    taken = {(one.effect, one.joint) for one in stated}
-    return (*stated, *(one for one in usual if (one.effect, one.joint) not in taken))
+    """Return the stated effects, followed by those usual ones that none of them replaces.
+
+    Parameters
+    ----------
+    usual, stated : sequence of TrueEffect
+
+    Returns
+    -------
+    tuple of TrueEffect
+    """
+    occupied = {(effect.effect, effect.joint) for effect in stated}
+    return (*stated, *(effect for effect in usual if (effect.effect, effect.joint) not in occupied))
 
 
-def _joints(asked: ActingEffect, robot: Robot) -> Iterator[str]:
-    indices = joints_of(EffectChoice(asked.effect, asked.joints), robot)
-    if effect_by_id(asked.effect).scope == "robot":
+def _joints(acting: ActingEffect, robot: Robot) -> Iterator[str]:
+    indices = joints_of(EffectChoice(acting.effect, acting.joints), robot)
+    if effect_by_id(acting.effect).scope == "robot":
         yield ""
         return
     for index in indices:
         yield robot.tree.joint_names[index]
 
 
-def _true_effect(asked: ActingEffect, robot: Robot, joint: str) -> TrueEffect:
-    shape = tuple(sorted(asked.shape_parameters.items()))
-    if asked.parameters:
-        return TrueEffect(asked.effect, joint, tuple(sorted(asked.parameters.items())), shape, asked.runs)
-    for one in typical_drive(robot):
-        if (one.effect, one.joint) == (asked.effect, joint):
-            return replace(one, runs=asked.runs)
-    typical = typical_effect(robot, asked.effect, joint)
+def _true_effect(acting: ActingEffect, robot: Robot, joint: str) -> TrueEffect:
+    """Return one effect on one joint, of its requested or its typical size."""
+    shape = tuple(sorted(acting.shape_parameters.items()))
+    if acting.parameters:
+        return TrueEffect(acting.effect, joint, tuple(sorted(acting.parameters.items())), shape, acting.runs)
+    for drive_effect in typical_drive(robot):
+        if (drive_effect.effect, drive_effect.joint) == (acting.effect, joint):
+            return replace(drive_effect, runs=acting.runs)
+    typical = typical_effect(robot, acting.effect, joint)
     completed = tuple(sorted({**dict(typical.shape), **dict(shape)}.items()))
-    return TrueEffect(typical.effect, typical.joint, typical.values, completed, asked.runs)
+    return TrueEffect(typical.effect, typical.joint, typical.values, completed, acting.runs)

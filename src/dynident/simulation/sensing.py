@@ -1,7 +1,7 @@
-"""Effects that are a matter of what is measured: drive gains, late torque, positions that are not those of the links.
+"""Effects of the measurement: drive gains, delayed torque, positions that are not those of the links.
 
-They leave the motion as it is. What a sensor shows at a measured position is the torque of the motors and what these
-effects add to it. Torque that is late is the torque of an earlier instant, jumps and all.
+They do not change the motion. A sensor shows the torque of the motors and what these effects add to it at the measured
+position. Delayed torque is the torque of an earlier instant, jumps included.
 """
 
 from __future__ import annotations
@@ -29,9 +29,18 @@ _ORDER = 3
 
 @dataclass(frozen=True, eq=False)
 class Sensing:
-    """What sensors make of the motors' torque on one virtual robot.
+    """Effects of the sensors of one virtual robot.
 
-    `delay` in s; `added` the torque that a sensor shows beside the motors', None where there is nothing of it.
+    Parameters
+    ----------
+    robot : Robot
+    effects : tuple of TrueEffect
+        Effects that add torque to what a sensor shows.
+    delay : float
+        Delay of the torque, s.
+    added : Program or None
+        The added torque; None where no effect adds any.
+    signals : SensorSignals
     """
 
     robot: Robot
@@ -42,51 +51,55 @@ class Sensing:
 
     @classmethod
     def of(cls, effects: Sequence[TrueEffect], inertias: FloatArray, inside: SimulatedSignals) -> Sensing:
-        """Take those effects out of all that do not take part in the motion.
+        """Select those of all effects that do not take part in the motion.
 
         Parameters
         ----------
         effects : sequence of TrueEffect
-            All that are true of the robot.
+            All effects of the robot.
         inertias : (n, 10)
         inside : SimulatedSignals
             Signals of the steps, which tell what takes part in the motion.
+
+        Returns
+        -------
+        Sensing
         """
         robot, signals = inside.robot, SensorSignals(inside.robot)
-        mine = tuple(
-            one
-            for one in effects
-            if not all(inside.moves(column.torque) for column in true_columns([one], inside).columns)
+        sensor_effects = tuple(
+            effect
+            for effect in effects
+            if not all(inside.moves(column.torque) for column in true_columns([effect], inside).columns)
         )
-        others = [one for one in mine if not _delays(one)]
-        delay = sum(dict(one.values).get(name, 0.0) for one in mine for name in _delays(one))
+        others = [effect for effect in sensor_effects if not _delays(effect)]
+        delay = sum(dict(effect.values).get(name, 0.0) for effect in sensor_effects for name in _delays(effect))
         reference = true_reference(robot, effects, inertias)
         added = _added(signals, others, reference) if others else None
         return cls(robot, tuple(others), delay, added, signals)
 
     def torque(self, t: FloatArray, truth: Truth, temperature: FloatArray, run: str) -> FloatArray:
-        """Torque (m, n) that the sensors show, without noise, at times t (m,) of the run with that label."""
-        shown = truth.tau
+        """Return the torque (m, n) that the sensors show, without noise, at times t (m,) of the run with that label."""
+        torque = truth.tau
         if self.added is not None:
             third, fourth = _higher_derivatives(t, truth.ddq)
             memory = MemoryStates(self.signals.memory_signals).push(self.signals.robot.positions(truth.q))
-            present = np.array([float(one.is_in(run)) for one in self.effects])
+            present = np.array([float(effect.is_in(run)) for effect in self.effects])
             clock, period = t[:, None], np.array([_period(t)])
             state = (truth.q, truth.dq, truth.ddq, third, fourth)
             inputs = (*state, clock, period, temperature, memory, truth.tau, present)
-            shown = shown + self.added(*inputs)
+            torque = torque + self.added(*inputs)
         if self.delay:
-            shown = np.column_stack([np.interp(t - self.delay, t, column) for column in shown.T])
-        return shown
+            torque = np.column_stack([np.interp(t - self.delay, t, column) for column in torque.T])
+        return torque
 
 
-def _delays(one: TrueEffect) -> list[str]:
-    """Names of the parameters by which an effect makes torque late."""
-    return [spec.name for spec in effect_by_id(one.effect).parameters if spec.role == "delay"]
+def _delays(effect: TrueEffect) -> list[str]:
+    """Return the names of the parameters by which an effect delays torque."""
+    return [spec.name for spec in effect_by_id(effect.effect).parameters if spec.role == "delay"]
 
 
 def _added(signals: SensorSignals, effects: Sequence[TrueEffect], reference: ReferenceParameters) -> Program:
-    """(q, dq, ddq, dddq, ddddq, t, T, temperature, z, motor torque, presence of each effect) -> torque."""
+    """Return (q, dq, ddq, dddq, ddddq, t, T, temperature, z, motor torque, presence of each effect) -> torque."""
     n, motor = signals.robot.n, signals.predicted.motor
     present = ca.SX.sym("present", len(effects))
     of_motion, of_torque = ca.SX.zeros(n, 1), ca.SX.zeros(n, 1)
@@ -118,16 +131,19 @@ def _added(signals: SensorSignals, effects: Sequence[TrueEffect], reference: Ref
 
 
 def _everywhere(torque: ca.SX, signals: SensorSignals) -> ca.SX:
-    """The torque with all run signals at 1: in which runs an effect is, is said once for all its columns."""
+    """Return the torque with all run signals at 1: the presence of an effect multiplies all of its columns."""
     runs = [signals.in_runs(run) for run in signals.runs_in(torque)]
     return ca.substitute(torque, ca.vertcat(*runs), ca.SX.ones(len(runs), 1)) if runs else torque
 
 
 def _higher_derivatives(t: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Third and fourth derivative (m, n) of the positions, of what elastic gears let pass, from ddq (m, n)."""
+    """Return the third and fourth derivative (m, n) of the positions from ddq (m, n), as elastic gears pass them."""
     period = _period(t)
+    # Filters need an even clock, and the samples may have jitter.
     even: FloatArray = t[0] + period * np.arange(len(t))
     regular = np.column_stack([np.interp(even, t, column) for column in ddq.T])
+    # Differentiating twice would amplify the corners of friction without limit. The band also stays below half the
+    # sampling rate.
     sections = signal.butter(_ORDER, min(_ELASTIC_BAND, 0.2 / period), fs=1 / period, output="sos")
     smooth = signal.sosfiltfilt(sections, regular, axis=0, padlen=min(len(t) - 1, 6 * _ORDER))
     third = np.gradient(smooth, period, axis=0)

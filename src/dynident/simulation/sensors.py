@@ -1,4 +1,4 @@
-"""What a virtual robot's sensors make of the truth."""
+"""Sensors of a virtual robot: quantisation, noise and sampling instants."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def check_sensors(sensors: Sensors, robot: Robot) -> None:
 
 
 def quantised(sensors: Sensors, robot: Robot, q: FloatArray) -> FloatArray:
-    """Positions (m, n) as the encoders count them."""
+    """Return positions (m, n) rounded to the encoders' counts."""
     if not sensors.encoder_counts:
         return q
     turn = np.array([2 * np.pi if joint.kind == "revolute" else 1.0 for joint in robot.joints])
@@ -49,7 +49,7 @@ def quantised(sensors: Sensors, robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def noise_deviation(sensors: Sensors, robot: Robot, tau: FloatArray) -> FloatArray:
-    """Standard deviation (n,) of the torque noise, for a run with the torques tau (m, n)."""
+    """Return the standard deviation (n,) of the torque noise, for a run with the torques tau (m, n)."""
     if sensors.torque_noise_absolute is not None:
         return np.array(sensors.torque_noise_absolute, dtype=np.float64)
     largest = np.abs(tau).max(axis=0)
@@ -59,11 +59,12 @@ def noise_deviation(sensors: Sensors, robot: Robot, tau: FloatArray) -> FloatArr
 
 
 def sampling_steps(sensors: Sensors, steps_per_sample: int, n_samples: int, rng: np.random.Generator) -> IndexArray:
-    """Internal steps (n_samples,) at which samples are taken: every so many, shifted by the jitter, ascending."""
+    """Return the internal steps (n_samples,) at which samples are taken: regular, shifted by the jitter, ascending."""
     regular: IndexArray = np.arange(n_samples, dtype=np.intp) * steps_per_sample
     if sensors.jitter == 0:
         return regular
     spread = sensors.jitter * sensors.sampling_rate * steps_per_sample
+    # Two neighbouring samples are shifted by less than half a period each, so that their order stays.
     largest = max(0, (steps_per_sample - 1) // 2)
     shift = np.clip(np.rint(rng.normal(0.0, spread, n_samples)), -largest, largest).astype(np.intp)
     shift[0] = 0

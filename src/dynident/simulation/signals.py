@@ -1,4 +1,4 @@
-"""The signals of effects as a simulator has them: inside a step, and where a sensor sees the torque."""
+"""Signals of effects as a simulator has them: inside a step, and where a sensor sees the torque."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from dynident.robot.model import Robot
 
 
 class _InsideStep(Prediction):
-    """The load torque is an input: within a step it is known from the mass matrix at no further cost.
+    """Predictions inside a step, where the load torque is an input: the mass matrix gives it at no further cost.
 
-    What is not known within a step, or known to nobody but a sensor, is stood in for by symbols without a value.
+    Quantities that are not known within a step, or that only a sensor sees, are symbols without a value.
     """
 
     @cached_property
@@ -25,7 +25,7 @@ class _InsideStep(Prediction):
 
     @cached_property
     def unknown(self) -> ca.SX:
-        """SX (1, 1): what no expression that has a value in a step depends on."""
+        """SX (1, 1): a symbol that no expression with a value in a step contains."""
         return ca.SX.sym("unknown")
 
     @cached_property
@@ -89,7 +89,10 @@ class SimulatedSignals(Signals):
         return ca.SX.sym("direction", self.robot.n)
 
     def sign_of(self, velocity: ca.SX) -> ca.SX:
-        """The direction of friction at a relative velocity, entry by entry; the joint's own where it is a joint's."""
+        """Return the direction of friction at a relative velocity, entry by entry.
+
+        Where the velocity is that of a joint, it is the joint's own direction.
+        """
         return ca.vertcat(*(self._direction_of(velocity[k]) for k in range(velocity.numel())))
 
     def _direction_of(self, velocity: ca.SX) -> ca.SX:
@@ -100,22 +103,22 @@ class SimulatedSignals(Signals):
         return self._others[-1].direction
 
     def sliding_in(self, torque: ca.SX) -> tuple[Sliding, ...]:
-        """Those of all joints, then the others that a torque depends on."""
+        """Return the sliding velocities of all joints, then the others that a torque depends on."""
         joints = [Sliding(self.dq[j], self.sign[j]) for j in range(self.robot.n)]
-        return (*joints, *(one for one in self._others if ca.depends_on(torque, one.direction)))
+        return (*joints, *(sliding for sliding in self._others if ca.depends_on(torque, sliding.direction)))
 
     @cached_property
     def predicted(self) -> _InsideStep:
-        """What is known of the model's torque inside a step."""
+        """Predictions of the model's torque inside a step."""
         return _InsideStep(self.robot, self.q, self.dq, self.ddq, self.dddq, self.ddddq, self.sign, self.reference)
 
     def moves(self, torque: ca.SX) -> bool:
-        """Whether a column's torque takes part in the motion; else it is a matter of what is measured."""
+        """Return whether a column's torque takes part in the motion; if not, it belongs to the measurement."""
         return not ca.depends_on(torque, ca.vertcat(self.dddq, self.ddddq, self.predicted.unknown))
 
 
 class _AtSensor(Prediction):
-    """The torque of the motors is not predicted: it is there to be measured."""
+    """Predictions at a sensor, where the torque of the motors is measured instead of predicted."""
 
     @cached_property
     def motor(self) -> ca.SX:
@@ -128,5 +131,5 @@ class SensorSignals(Signals):
 
     @cached_property
     def predicted(self) -> _AtSensor:
-        """The model's torque, and the motors' own."""
+        """Predictions of the model's torque, with the motors' own as an input."""
         return _AtSensor(self.robot, self.q, self.dq, self.ddq, self.dddq, self.ddddq, self.sign, self.reference)

@@ -1,4 +1,4 @@
-"""How large an effect has to be to be a given torque: for effects of which no usual size is known."""
+"""Size of an effect that gives a chosen torque, for effects without a known usual size."""
 
 from __future__ import annotations
 
@@ -15,15 +15,33 @@ _STATES = 200
 
 
 def sized(robot: Robot, effect: str, joint: str, torque: FloatArray) -> dict[str, float]:
-    """Parameters of an effect on a joint ("" for the whole robot) with which each is about the torque (n,) somewhere.
+    """Return parameters of an effect with which each of them contributes about the torque (n,) on some joint.
 
     The largest over the joints of rms torque over random states, relative to `torque`, is then 1 for each parameter.
+
+    Parameters
+    ----------
+    robot : Robot
+    effect : str
+    joint : str
+        "" for the whole robot.
+    torque : (n,)
+
+    Returns
+    -------
+    dict of parameter name to value
+
+    Raises
+    ------
+    DynidentError
+        Where the effect gives no torque in any of the states.
     """
     signals = SensorSignals(robot)
     columns = columns_of([EffectChoice(effect, (joint,) if joint else ())], signals)
     stacked = ca.densify(ca.horzcat(*(column.torque for column in columns)))
+    # Ranges of a brisk motion of an arm. The seed is fixed, so that sizes are the same in every call.
     rng, n = np.random.default_rng(0), robot.n
-    drawn = [
+    inputs = [
         (signals.q, rng.uniform(-2, 2, (_STATES, n))),
         (signals.dq, rng.uniform(-1, 1, (_STATES, n))),
         (signals.ddq, rng.uniform(-3, 3, (_STATES, n))),
@@ -38,9 +56,9 @@ def sized(robot: Robot, effect: str, joint: str, torque: FloatArray) -> dict[str
     runs = [signals.in_runs(run) for run in signals.runs_in(stacked)]
     known = ca.vertcat(signals.reference, *runs)
     stacked = ca.substitute(stacked, known, ca.vertcat(ca.SX(ca.DM(_reference(robot))), ca.SX.ones(len(runs), 1)))
-    function = ca.Function("columns", [symbol for symbol, _ in drawn], [stacked]).map(_STATES)
-    found = np.asarray(ca.DM(function(*(values.T for _, values in drawn))), dtype=np.float64)
-    rows = found.reshape(n, _STATES, len(columns))
+    function = ca.Function("columns", [symbol for symbol, _ in inputs], [stacked]).map(_STATES)
+    values_of_states = np.asarray(ca.DM(function(*(values.T for _, values in inputs))), dtype=np.float64)
+    rows = values_of_states.reshape(n, _STATES, len(columns))
     rms = np.sqrt(np.mean(rows**2, axis=1)) / torque[:, None]
     largest = rms.max(axis=0)
     if not (np.isfinite(largest).all() and (largest > 0).all()):

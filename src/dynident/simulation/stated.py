@@ -1,4 +1,4 @@
-"""What is asked of a virtual robot, before robot and motion are known."""
+"""Request for a virtual robot, before robot and motion are known."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Warming:
     time_constant: float = said("How slowly", default=1200.0, unit="s", at_least=1e-3, at_most=1e9)
 
     def at(self, t: FloatArray) -> FloatArray:
-        """Temperature (m,) in degC at times t (m,) in s."""
+        """Return the temperature (m,) in degC at times t (m,) in s."""
         import numpy as np
 
         return self.end + (self.start - self.end) * np.exp(-t / self.time_constant)
@@ -81,7 +81,7 @@ class Session:
 
 
 def usual_effects() -> tuple[ActingEffect, ...]:
-    """What acts on every joint of every arm beside its links."""
+    """Return the effects that act on every joint of every arm besides its links."""
     return tuple(ActingEffect(choice.effect) for choice in DEFAULT_EFFECTS if choice.effect != LINKS.effect)
 
 

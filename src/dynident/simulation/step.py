@@ -4,13 +4,13 @@ Positions and velocities are staggered in time by half a step (leapfrog), so tha
 velocity (mean of the two around it) and the acceleration are central differences of one discrete path, and the torque
 that belongs to them is known exactly.
 
-Dry friction is what Coulomb says it is: against the velocity where a joint slides, and where it rests whatever torque
+Dry friction follows Coulomb: against the velocity where a joint slides, and where it rests whatever torque
 holds it, up to its largest. Which joints rest follows from the velocity *after* the step (Moreau's time stepping), so
-that a joint that stops stands still from then on: it does not creep, and it does not tremble. Newton iterations that
-see friction alone, the rigid body being evaluated once a step, guess who rests, solve for the velocities of the others
-and correct the guess: the primal-dual active set method. Who rested in the last step is the first guess for the next.
-Should the guess still be wrong after the last iteration, the step is consistent with it all the same, and the next step
-begins with a better one.
+that a joint that stops stands still from then on: it does not creep, and it does not tremble. Newton iterations on the
+friction alone, with the rigid body evaluated once a step, guess which joints rest, solve for the velocities of the
+others and correct the guess: the primal-dual active set method. The first guess is the set that rested in the last
+step. If the guess is still wrong after the last iteration, the step is consistent with it all the same, and the next
+step begins with a better one.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ _RIGID = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step of a robot under joint control, `h` s long."""
+    """One step of a robot under joint control."""
 
     recurrence: Recurrence
 
     def run(
         self, state: FloatArray, inputs: FloatArray, h: float, stiffness: FloatArray, damping: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """The state (s,) after m steps, and the samples (m, 4 n) at them.
+        """Run m steps.
 
         Parameters
         ----------
@@ -65,13 +65,16 @@ class Step:
 
         Returns
         -------
-        The state, and [q, dq, ddq, tau] at every step.
+        state : (s,)
+            After m steps.
+        samples : (m, 4 n)
+            [q, dq, ddq, tau] at every step.
         """
         return self.recurrence.run(state, inputs, np.concatenate([[h], stiffness, damping]))
 
 
 def first_state(dynamics: Dynamics, q: FloatArray, dq: FloatArray, ddq: FloatArray, h: float) -> FloatArray:
-    """State (s,) of a run that begins with q, dq, ddq (n,): [q, v, a, q_last, z, directions of friction].
+    """Return the state (s,) of a run that begins with q, dq, ddq (n,): [q, v, a, q_last, z, directions of friction].
 
     v is the velocity half a step before q, a and q_last are acceleration and position of the step before, z the
     hysteresis states there.
@@ -84,7 +87,7 @@ def first_state(dynamics: Dynamics, q: FloatArray, dq: FloatArray, ddq: FloatArr
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """What stands for a whole step: length, velocity before it, mass matrix, bias, torque of drives less that of q."""
+    """Constants of one step: its length, velocity before it, mass matrix, bias, torque of the drives less that of q."""
 
     h: ca.SX
     velocity: ca.SX
@@ -95,7 +98,7 @@ class _Known:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """Velocity at the step, velocity after it, and the directions of friction as they are to be tried next."""
+    """An iterate: velocity at the step, velocity after it, and the directions of friction to try next."""
 
     middle: ca.SX
     after: ca.SX
@@ -113,6 +116,8 @@ def build_step(dynamics: Dynamics) -> Step:
     reference, reference_rate = ca.SX.sym("q_r", n), ca.SX.sym("dq_r", n)
     feed_forward = ca.SX.sym("tau_ff", n)
 
+    # The velocity at the step is not known yet; extrapolated with the last acceleration it is exact to second order,
+    # which is enough for the controller and for the velocity-dependent inertial forces.
     predicted = velocity + 0.5 * h * before
     tau = feed_forward + stiffness * (reference - signals.q) + damping * (reference_rate - predicted)
     tau = ca.vertcat(*(_within(tau[j], robot.joints[j].limits.effort) for j in range(n)))
@@ -123,44 +128,46 @@ def build_step(dynamics: Dynamics) -> Step:
     mass, bias, position_torque = rigid(signals.q, predicted)
     known = _Known(h, velocity, mass, bias, tau - position_torque)
     iteration = _Iteration(dynamics, states)
-    found = _Found(predicted, predicted, direction)
+    iterate = _Found(predicted, predicted, direction)
     for _ in range(ITERATIONS):
-        found = iteration.improved(found, known)
+        iterate = iteration.improved(iterate, known)
 
-    ddq = 2 * (found.middle - velocity) / h
+    ddq = 2 * (iterate.middle - velocity) / h
     runs = rest_inputs(signals, dynamics.runs)[-1]
     state = ca.vertcat(signals.q, velocity, before, last, memory, direction)
     inputs = ca.vertcat(reference, reference_rate, feed_forward, signals.time, signals.temperature, runs)
-    following = ca.vertcat(signals.q + h * found.after, found.after, ddq, signals.q, states, found.direction)
-    sample = ca.vertcat(signals.q, found.middle, ddq, tau)
+    following = ca.vertcat(signals.q + h * iterate.after, iterate.after, ddq, signals.q, states, iterate.direction)
+    sample = ca.vertcat(signals.q, iterate.middle, ddq, tau)
     return Step(Recurrence(state, inputs, ca.vertcat(h, stiffness, damping), following, sample))
 
 
 class _Iteration:
-    """One Newton iteration on the velocity at a step and on who rests, for one robot's friction."""
+    """One Newton iteration on the velocity at a step and on the set of resting joints, for one robot's friction."""
 
     def __init__(self, dynamics: Dynamics, states: ca.SX) -> None:
         signals, parts, self._n = dynamics.signals, dynamics.parts, dynamics.robot.n
-        given = rest_inputs(signals, dynamics.runs)
-        self._states, self._still = states, (signals.time, signals.temperature, given[-1])
+        inputs = rest_inputs(signals, dynamics.runs)
+        self._states, self._still = states, (signals.time, signals.temperature, inputs[-1])
         self._q = signals.q
         self._friction = ca.Function(
             "friction",
-            [*given, directions(dynamics.sliding)],
+            [*inputs, directions(dynamics.sliding)],
             [parts.rest, parts.rest_mass, parts.dry],
         )
-        self._slope = ca.Function("slope", [*given, directions(dynamics.sliding)], [parts.rest_slope])
-        others = ca.vertcat(ca.SX(0, 1), *(one.velocity for one in dynamics.sliding[self._n :]))
+        self._slope = ca.Function("slope", [*inputs, directions(dynamics.sliding)], [parts.rest_slope])
+        others = ca.vertcat(ca.SX(0, 1), *(sliding.velocity for sliding in dynamics.sliding[self._n :]))
         self._others = ca.Function("others", [signals.q, signals.dq], [others, ca.jacobian(others, signals.dq)])
 
-    def improved(self, found: _Found, known: _Known) -> _Found:
-        """A better velocity and better directions of friction."""
+    def improved(self, iterate: _Found, known: _Known) -> _Found:
+        """Return a better velocity and better directions of friction."""
         n, h, velocity = self._n, known.h, known.velocity
-        middle, joints = found.middle, found.direction[:n]
+        middle, joints = iterate.middle, iterate.direction[:n]
         ddq = 2 * (middle - velocity) / h
         load = ca.mtimes(known.mass, ddq) + known.bias
-        others = (ddq, load, self._states, *self._still, found.direction)
+        others = (ddq, load, self._states, *self._still, iterate.direction)
         torque, inertia, dry = self._friction(self._q, middle, *others)
+        # The slope is evaluated away from zero velocity, where friction that grows with a root of the velocity is
+        # infinitely steep.
         slope = self._slope(self._q, ca.copysign(ca.fmax(ca.fabs(middle), _STEEPEST), middle), *others)
         residual = load + torque - known.drive
         jacobian = ca.densify(2 / h * (known.mass + inertia) + slope)
@@ -169,6 +176,7 @@ class _Iteration:
         rests = ca.fabs(joints) < 1
         moves = 1 - rests
         stop = rests * (0.5 * velocity - middle)
+        # Rows and columns of resting joints are replaced by those of the identity: one factorisation serves every set.
         of_moving = ca.mtimes(ca.diag(moves), ca.mtimes(jacobian, ca.diag(moves)))
         factors = ca.ldl(ca.densify(of_moving + ca.diag(rests)), False)
         change = stop - ca.ldl_solve(moves * (residual + ca.mtimes(jacobian, stop)), *factors)
@@ -180,11 +188,11 @@ class _Iteration:
         missing = residual + ca.mtimes(jacobian, change)
         needed = joints + (0.5 * ca.diag(jacobian) * after - missing) / largest
         directions_next = [_between(needed / (1 + _HELD))]
-        for k in range(n, found.direction.numel()):
+        for k in range(n, iterate.direction.numel()):
             relative, along = self._others(self._q, after)
             along = along[k - n, :]
             response = 2 * ca.mtimes(along, ca.ldl_solve(moves * dry[:, k], *factors))
-            directions_next.append(_between(found.direction[k] + relative[k - n] / ca.fmax(response, _RIGID)))
+            directions_next.append(_between(iterate.direction[k] + relative[k - n] / ca.fmax(response, _RIGID)))
         return _Found(better, after, ca.vertcat(*directions_next))
 
 
@@ -197,6 +205,6 @@ def _within(torque: ca.SX, limit: float | None) -> ca.SX:
 
 
 def _moved(memory: Sequence[MemorySignal], states: ca.SX, displacement: ca.SX) -> ca.SX:
-    """Hysteresis states after a displacement (n, 1)."""
+    """Return the hysteresis states after a displacement (n, 1)."""
     moved = (step_expression(signal, states[k], displacement[signal.joint]) for k, signal in enumerate(memory))
     return ca.vertcat(ca.SX(0, 1), *moved)

@@ -1,4 +1,4 @@
-"""What is true of a virtual robot: effects of the catalogue with values for their parameters."""
+"""Effects of a virtual robot: effects of the catalogue with values for their parameters."""
 
 from __future__ import annotations
 
@@ -29,10 +29,20 @@ _DRIVE_ROWS: dict[Role | None, int] = {role: row for row, role in enumerate(DRIV
 
 @dataclass(frozen=True)
 class TrueEffect:
-    """One effect on one joint ("" where it belongs to the whole robot), with its parameters and shape constants.
+    """One effect on one joint, with its parameters and shape constants.
 
-    Parameters that are not named are zero; shape constants that are not named have their defaults. `runs` are the
-    labels of the runs that it is in; it is in all of them where there are none.
+    Parameters
+    ----------
+    effect : str
+        Id of the effect in the catalogue.
+    joint : str
+        Name of the joint; "" where the effect belongs to the whole robot.
+    values : tuple of (name, value)
+        Parameters; those that are not named are zero.
+    shape : tuple of (name, value)
+        Shape constants; those that are not named have their defaults.
+    runs : tuple of str
+        Labels of the runs in which it acts; it acts in all of them where there are none.
     """
 
     effect: str
@@ -47,7 +57,7 @@ class TrueEffect:
         return EffectChoice(self.effect, (self.joint,) if self.joint else (), self.shape, self.runs)
 
     def is_in(self, run: str) -> bool:
-        """Whether it acts in the run with that label."""
+        """Return whether the effect acts in the run with that label."""
         return not self.runs or run in self.runs
 
 
@@ -60,14 +70,27 @@ class TrueColumns:
 
 
 def may_be_negative(effect: str, parameter: str, runs: Sequence[str]) -> bool:
-    """Whether nature allows a parameter below zero; what is in some runs alone is a difference from the others."""
+    """Return whether physics allows a parameter below zero.
+
+    The parameter of an effect in some runs alone is a difference from the other runs, and may have either sign.
+    """
     return bool(runs) or not any(spec.resists for spec in effect_by_id(effect).parameters if spec.name == parameter)
 
 
 def on_each_joint(
     robot: Robot, effect: str, parameter: str, values: Sequence[float] | FloatArray
 ) -> tuple[TrueEffect, ...]:
-    """One parameter of one effect on every joint of a robot, from an array (n,).
+    """Return one parameter of one effect on every joint of a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    effect, parameter : str
+    values : (n,)
+
+    Returns
+    -------
+    tuple of TrueEffect
 
     Raises
     ------
@@ -83,7 +106,7 @@ def on_each_joint(
 
 
 def true_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
-    """The inertial parameters (n, 10) of the virtual robot's links; those of the description where none are given.
+    """Return the inertial parameters (n, 10) of the virtual robot's links; the description's where none are given.
 
     Raises
     ------
@@ -107,7 +130,7 @@ def true_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
 
 
 def true_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray) -> ReferenceParameters:
-    """What torque is predicted with: inertial parameters of links, Ia, Fc, Fv and b of all joints."""
+    """Return the parameters that torque is predicted with: of the links, and Ia, Fc, Fv and b of all joints."""
     drives = np.zeros((len(DRIVE_ROLES), robot.n))
     for effect in effects:
         roles = {spec.name: spec.role for spec in effect_by_id(effect.effect).parameters}
@@ -121,7 +144,7 @@ def true_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
 
 
 def true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns:
-    """Columns of the effects on the robot of `signals`, and the values of their parameters.
+    """Return the columns of the effects on the robot of `signals`, and the values of their parameters.
 
     Raises
     ------
@@ -131,25 +154,25 @@ def true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns
     """
     columns: list[Column] = []
     parameters: list[float] = []
-    seen: set[tuple[object, ...]] = set()
+    keys: set[tuple[object, ...]] = set()
     for index, effect in enumerate(effects):
         pointer = f"/effects/{index}"
         _check(effect, signals.robot, pointer)
         try:
-            made = columns_of([effect.choice], signals)
+            effect_columns = columns_of([effect.choice], signals)
         except DynidentError as error:
             error.pointer = pointer
             raise
         # The completed shape constants, so that a default written out is the same effect as one left out.
-        key = (effect.effect, effect.joint, made[0].shape, effect.runs)
-        if key in seen:
+        key = (effect.effect, effect.joint, effect_columns[0].shape, effect.runs)
+        if key in keys:
             raise DynidentError(
                 f"{effect.effect} stands twice on {effect.joint or 'the robot'}", pointer=pointer, title=_TITLE
             )
-        seen.add(key)
+        keys.add(key)
         values = dict(effect.values)
-        columns += made
-        parameters += [float(values.get(column.parameter, 0.0)) for column in made]
+        columns += effect_columns
+        parameters += [float(values.get(column.parameter, 0.0)) for column in effect_columns]
     return TrueColumns(tuple(columns), np.array(parameters, dtype=np.float64))
 
 

@@ -1,4 +1,4 @@
-"""Sizes that effects have on real arms, for virtual robots of whom nothing but a description is known."""
+"""Typical sizes of effects on real arms, for virtual robots of which only a description is known."""
 
 from __future__ import annotations
 
@@ -16,23 +16,43 @@ _UNKNOWN = 0.02
 
 
 def typical_drive(robot: Robot) -> tuple[TrueEffect, ...]:
-    """Rotor inertia, Coulomb and viscous friction of every joint."""
-    found = []
+    """Return rotor inertia, Coulomb and viscous friction of every joint in their usual sizes.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Returns
+    -------
+    tuple of TrueEffect
+    """
+    effects = []
     for choice in DEFAULT_EFFECTS:
         for j, name in enumerate(robot.joint_names):
             usual = effect_by_id(choice.effect).usual(robot, j)
             if usual is not None:
-                found.append(TrueEffect(choice.effect, name, tuple(usual.values.items())))
-    return tuple(found)
+                effects.append(TrueEffect(choice.effect, name, tuple(usual.values.items())))
+    return tuple(effects)
 
 
 def typical_effect(robot: Robot, effect: str, joint: str = "") -> TrueEffect:
-    """One more effect, of a size as found on real arms, on a joint ("" where it belongs to the whole robot).
+    """Return one more effect of a size as found on real arms.
+
+    Parameters
+    ----------
+    robot : Robot
+    effect : str
+    joint : str
+        "" for the whole robot.
+
+    Returns
+    -------
+    TrueEffect
 
     Raises
     ------
     DynidentError
-        For an unknown effect or joint, or an effect that nobody hides (links, rotors, Coulomb, viscous).
+        For an unknown effect or joint, or an effect without a typical size (links, rotors, Coulomb, viscous).
     """
     described = effect_by_id(effect)
     anywhere = described.scope == "robot" or described.in_some_runs
@@ -48,4 +68,5 @@ def typical_effect(robot: Robot, effect: str, joint: str = "") -> TrueEffect:
         return TrueEffect(effect, where, tuple(usual.values.items()), tuple(usual.shape.items()))
     torque = np.array([largest_torque(robot, j) for j in range(robot.n)])
     parameters = sized(robot, effect, where, _UNKNOWN * torque)
+    # Each parameter alone would give the torque; shared out, all of them together do about.
     return TrueEffect(effect, where, tuple((name, value / len(parameters)) for name, value in parameters.items()))

@@ -1,4 +1,4 @@
-"""A robot that exists as numbers alone, moved and measured like a real one."""
+"""Virtual robot, which is moved and measured like a real one."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from dynident.simulation.step import Step, build_step, first_state
 from dynident.simulation.truth import TrueEffect, true_inertias
 
 LONGEST_STEP = 0.25e-3
-"""Longest internal step in s."""
+"""Longest internal step, s."""
 
 _CHUNK = 1000
 # A joint this far from its reference (rad or m) is not following it any more.
@@ -40,14 +40,14 @@ _LOST = 0.5
 class VirtualRobot:
     """A robot with known parameters and any effects of the catalogue, under joint control.
 
-    The torque that its drives give is that of M(q) ddq + c(q, dq) + all effects; it is what is measured, but for the
-    effects that are a matter of the measurement, such as a late torque.
+    The torque of its drives is that of M(q) ddq + c(q, dq) + all effects. It is what is measured, except for
+    effects of the measurement, such as a delayed torque.
 
     Parameters
     ----------
     robot : Robot
     effects : sequence of TrueEffect
-        What acts besides the links: friction, rotor inertia, whatever is to be hidden.
+        What acts besides the links, such as friction and rotor inertia.
     inertias : (n, 10), optional
         Inertial parameters of the links; those of the description where none are given.
     controller : Controller
@@ -94,11 +94,15 @@ class VirtualRobot:
             It should begin at rest; the robot begins on it. Its time is that of the session.
         sensors : Sensors
         run : str
-            Label of this run: effects that are in some runs alone are in it where they name it.
+            Label of this run: effects that act in some runs alone act in it where they name it.
         seed : int
             Of the noise and the jitter.
         progress : Progress
             Called a few times a simulated second; may raise to cancel.
+
+        Returns
+        -------
+        Measurement
 
         Raises
         ------
@@ -111,17 +115,18 @@ class VirtualRobot:
         self._check_temperature(reference)
         rng = np.random.default_rng(seed)
         period = 1.0 / sensors.sampling_rate
+        # The tolerance keeps a period that is a whole number of steps from rounding up to one more.
         steps_per_sample = max(1, int(np.ceil(period / self.longest_step - 1e-9)))
         n_samples = int(np.floor(reference.duration / period + 1e-9)) + 1
-        taken = sampling_steps(sensors, steps_per_sample, n_samples, rng)
+        steps = sampling_steps(sensors, steps_per_sample, n_samples, rng)
         path = ReferencePath(reference)
-        samples = self._follow(path, reference, period / steps_per_sample, taken, run, progress)
+        samples = self._follow(path, reference, period / steps_per_sample, steps, run, progress)
         n = self.robot.n
         truth = Truth(*(np.ascontiguousarray(samples[:, k * n : (k + 1) * n]) for k in range(4)))
-        t = reference.t[0] + taken * (period / steps_per_sample)
+        t = reference.t[0] + steps * (period / steps_per_sample)
         noise = noise_deviation(sensors, self.robot, truth.tau)
-        shown = self.sensing.torque(t, truth, path.temperature_at(t), run)
-        tau = shown + noise * rng.standard_normal(shown.shape)
+        sensor_torque = self.sensing.torque(t, truth, path.temperature_at(t), run)
+        tau = sensor_torque + noise * rng.standard_normal(sensor_torque.shape)
         return Measurement(
             robot=self.robot,
             t=t,
@@ -151,7 +156,7 @@ class VirtualRobot:
         memory : (k,), optional
             States of the hysteresis at the start, in the order of the model's signals; relaxed where left out.
         run : str
-            Label of the run, for effects that are in some runs alone.
+            Label of the run, for effects that act in some runs alone.
 
         Returns
         -------
@@ -174,26 +179,27 @@ class VirtualRobot:
         return len(self.dynamics.runs)
 
     def _present(self, run: str) -> FloatArray:
-        """(runs,): 1 for every run signal that the run with that label has."""
-        return np.array([float(not one.runs or run in one.runs) for one in self.dynamics.runs])
+        """Return (runs,): 1 for every run signal that the run with that label has."""
+        return np.array([float(not signal.runs or run in signal.runs) for signal in self.dynamics.runs])
 
     @cached_property
     def _step(self) -> Step:
         return build_step(self.dynamics)
 
     def _follow(
-        self, path: ReferencePath, reference: Reference, h: float, taken: IndexArray, run_label: str, progress: Progress
+        self, path: ReferencePath, reference: Reference, h: float, steps: IndexArray, run_label: str, progress: Progress
     ) -> FloatArray:
-        """Samples [q, dq, ddq, tau] (m, 4 n) at the internal steps `taken` (m,)."""
-        start, n_steps = float(reference.t[0]), int(taken[-1]) + 1
+        """Return samples [q, dq, ddq, tau] (m, 4 n) at the internal steps `steps` (m,)."""
+        start, n_steps = float(reference.t[0]), int(steps[-1]) + 1
         coarse = np.arange(0.0, reference.duration + 2 / FEED_FORWARD_RATE, 1 / FEED_FORWARD_RATE) + start
         gains: Gains = joint_gains(self.controller, self.dynamics, path, coarse)
         feed_forward = feed_forward_torque(self.controller, self.dynamics, path, coarse)
         q, dq, ddq = (values[0] for values in path.at(np.array([start])))
         state = first_state(self.dynamics, q, dq, ddq, h)
         present = self._present(run_label)
-        out = np.empty((len(taken), 4 * self.robot.n))
+        out = np.empty((len(steps), 4 * self.robot.n))
         done = 0
+        # Chunks bound the memory, report progress, and find a robot that does not follow early.
         for first in range(0, n_steps, _CHUNK):
             t: FloatArray = np.arange(first, first + _CHUNK, dtype=np.float64) * h + start
             q, dq, _ = path.at(t)
@@ -201,16 +207,16 @@ class VirtualRobot:
             runs = np.broadcast_to(present, (_CHUNK, len(present)))
             inputs = np.hstack([q, dq, torque, t[:, None], path.temperature_at(t), runs])
             state, rows = self._step.run(state, inputs, h, gains.stiffness, gains.damping)
-            wanted = taken[done : int(np.searchsorted(taken, first + _CHUNK))] - first
-            out[done : done + len(wanted)] = rows[wanted]
-            done += len(wanted)
+            chunk_steps = steps[done : int(np.searchsorted(steps, first + _CHUNK))] - first
+            out[done : done + len(chunk_steps)] = rows[chunk_steps]
+            done += len(chunk_steps)
             last = min(_CHUNK, n_steps - first)
             self._check_followed(t[:last], q[:last], rows[:last, : self.robot.n])
             progress(min(1.0, (first + last) / n_steps), f"simulated {t[last - 1] - start:.1f} s")
         return out
 
     def _check_temperature(self, reference: Reference) -> None:
-        heated = [one.effect for one in self.effects if effect_by_id(one.effect).needs_temperature]
+        heated = [effect.effect for effect in self.effects if effect_by_id(effect.effect).needs_temperature]
         if heated and reference.temperature is None:
             raise DynidentError(
                 f"{heated[0]} needs the temperature of the joints: let the robot warm up along the trajectory",
@@ -218,8 +224,8 @@ class VirtualRobot:
                 title="Temperature needed",
             )
 
-    def _check_followed(self, t: FloatArray, wanted: FloatArray, q: FloatArray) -> None:
-        lost = np.argwhere(~(np.abs(q - wanted) < _LOST))
+    def _check_followed(self, t: FloatArray, reference: FloatArray, q: FloatArray) -> None:
+        lost = np.argwhere(~(np.abs(q - reference) < _LOST))
         if not len(lost):
             return
         row, joint = int(lost[0, 0]), int(lost[0, 1])

@@ -1,4 +1,4 @@
-"""Do an effect and an estimator of one's own keep to what all others rely on? Ours are tried by the same checks."""
+"""Conformance checks for effects and estimators of other authors; our own pass the same checks."""
 
 from dynident.testing.effects import check_effect
 from dynident.testing.estimators import check_estimator

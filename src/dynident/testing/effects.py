@@ -1,4 +1,4 @@
-"""Does an effect keep to what everything that uses effects relies on?"""
+"""Conformance check of an effect: everything that code which uses effects relies on."""
 
 from __future__ import annotations
 
@@ -24,19 +24,20 @@ from dynident.testing.trial import Trial, recorded, trial_arm
 
 _NEEDED = ("id", "title", "formula", "parameters", "signature", "sources")
 _SEEN, _EXPLAINED, _AS_WITHOUT = 2.0, 0.5, 1.5
-"""An effect shows on the trial arm if the usual model leaves so many times what it leaves of an arm without it. The
-model with the effect then leaves no more than a share of that, or hardly more than of the arm without it."""
+"""Limits on the share of torque that models leave unexplained. An effect shows if the usual model leaves `_SEEN` times
+as much on the trial arm with the effect as on one without. The model with the effect must then leave at most
+`_EXPLAINED` of that, or `_AS_WITHOUT` times what is left on the arm without the effect."""
 _LARGER = 8.0
-"""What does not show at its usual size is tried so many times larger."""
+"""Factor by which an effect is enlarged that does not show at its usual size."""
 
 
 def check_effect(effect: Effect | type[Effect], *, found_again: bool = True) -> tuple[str, ...]:
-    """Try an effect on a small arm, whether it is installed or not; the answer says what was tried, and how it went.
+    """Check an effect on a small arm, whether it is installed or not.
 
-    Checked are what it says of itself; that its columns have the right shape, are finite and depend on nothing but
-    `Signals`, so that its torque is linear in its parameters; its stored energy against its torque by finite
+    The check covers its description; the columns, which must have the right shape, be finite and depend on nothing but
+    `Signals`, so that the torque is linear in the parameters; the stored energy against the torque by finite
     differences; the columns whose parameters have a `role`, those of links and loads against Pinocchio; the sign of
-    friction; its shape constants; and that it is found again in the recordings of a virtual robot that has it.
+    friction; the shape constants; and that it explains the recordings of a virtual robot that has it.
 
     Parameters
     ----------
@@ -44,26 +45,31 @@ def check_effect(effect: Effect | type[Effect], *, found_again: bool = True) -> 
     found_again : bool
         Whether to simulate and identify as well, which takes some seconds.
 
+    Returns
+    -------
+    tuple of str
+        What was checked, and the results.
+
     Raises
     ------
     ConformanceError
-        Where something does not hold; the message says what.
+        If a requirement does not hold; the message tells which.
     """
-    one = effect() if isinstance(effect, type) else effect
-    _check_words(one)
-    with CATALOGUE.with_one_more(one):
+    tested = effect() if isinstance(effect, type) else effect
+    _check_words(tested)
+    with CATALOGUE.with_one_more(tested):
         robot = trial_arm()
-        _check_rivals(one)
-        told = [_check_shapes(one, robot)]
-        possible = one.applicable(robot)
+        _check_rivals(tested)
+        report = [_check_shapes(tested, robot)]
+        possible = tested.applicable(robot)
         if not possible:
-            return (*told, "it can sit on no joint of the trial arm: nothing else was tried")
-        states = States.of(robot, one, possible)
-        _check_columns(one, states, possible)
-        told += [_check_roles(states), _check_energy(states), _check_friction(one, states)]
+            return (*report, "it can sit on no joint of the trial arm: nothing else was tried")
+        states = States.of(robot, tested, possible)
+        _check_columns(tested, states, possible)
+        report += [_check_roles(states), _check_energy(states), _check_friction(tested, states)]
         if found_again:
-            told.append(_check_found_again(one, robot, possible))
-    return tuple(told)
+            report.append(_check_found_again(tested, robot, possible))
+    return tuple(report)
 
 
 def _check_words(effect: Effect) -> None:
@@ -89,8 +95,8 @@ def _check_rivals(effect: Effect) -> None:
     kinds = get_args(ExperimentKind)
     for kind in (effect.experiment, effect.place_experiment, *effect.told_from):
         expect(kind in kinds, f"{effect.id} names the experiment {kind!r}; there are: {', '.join(kinds)}")
-    told = [name for names in effect.told_from.values() for name in names]
-    for name in (*effect.confused_with, *effect.same_function, *effect.covers, *effect.changes_with, *told):
+    distinguished = [name for names in effect.told_from.values() for name in names]
+    for name in (*effect.confused_with, *effect.same_function, *effect.covers, *effect.changes_with, *distinguished):
         expect(name in CATALOGUE and name != effect.id, f"{effect.id} names {name!r}, which is no other effect")
 
 
@@ -98,8 +104,8 @@ def _check_shapes(effect: Effect, robot: Robot) -> str:
     specs = {spec.name: spec for spec in effect.shapes}
     values = [effect.shape_with_defaults({})]
     for joint in effect.applicable(robot):
-        tried = [dict(shape) for shape in effect.grid(robot, joint)]
-        values += tried
+        grid = [dict(shape) for shape in effect.grid(robot, joint)]
+        values += grid
         usual = effect.usual(robot, joint)
         if usual is not None:
             strange = set(usual.values) - {spec.name for spec in effect.parameters}
@@ -111,7 +117,7 @@ def _check_shapes(effect: Effect, robot: Robot) -> str:
                 )
             values.append(effect.shape_with_defaults(usual.shape))
             expect(set(usual.shape) <= set(specs), f"usual() of {effect.id} gives a shape constant that it has not")
-        for shape in tried:
+        for shape in grid:
             expect(set(shape) == set(specs), f"the grid of {effect.id} gives {sorted(shape)}, not {sorted(specs)}")
     for shape in values:
         for name, value in shape.items():
@@ -125,8 +131,11 @@ def _check_columns(effect: Effect, states: States, possible: tuple[int, ...]) ->
     expect(states.columns, f"{effect.id} has no column on {robot.name}")
     keys = [column.key for column in states.columns]
     expect(len(set(keys)) == len(keys), f"two columns of {effect.id} have the same name and shape constants")
-    found = {column.parameter for column in states.columns}
-    expect(found == names, f"the columns of {effect.id} belong to {sorted(found)}, its parameters are {sorted(names)}")
+    parameters = {column.parameter for column in states.columns}
+    expect(
+        parameters == names,
+        f"the columns of {effect.id} belong to {sorted(parameters)}, its parameters are {sorted(names)}",
+    )
     for column in states.columns:
         shape = column.torque.shape
         expect(column.effect == effect.id, f"column {column.name} belongs to {column.effect!r}, not to {effect.id}")
@@ -145,7 +154,7 @@ def _check_columns(effect: Effect, states: States, possible: tuple[int, ...]) ->
 
 
 def _check_roles(states: States) -> str:
-    """The columns that others take for a link's, a rotor's or friction's are so."""
+    """Check that columns with a role are those of a link, a rotor, friction and so on."""
     roles = 0
     rigid = _pinocchio_rows(states)
     for k, column in enumerate(states.columns):
@@ -153,34 +162,34 @@ def _check_roles(states: States) -> str:
         if spec is None or spec.role in (None, "delay", "dry_once_sliding"):
             continue
         j = states.robot.joint_names.index(column.link)
-        wanted = np.zeros_like(states.torque[:, :, k])
-        own = {"rotor": states.ddq, "damping": states.dq, "dry": np.sign(states.dq), "stiffness": states.q}
+        expected = np.zeros_like(states.torque[:, :, k])
+        signal_of_role = {"rotor": states.ddq, "damping": states.dq, "dry": np.sign(states.dq), "stiffness": states.q}
         if spec.role in ("link", "load"):
-            specs = [one.name for one in CATALOGUE[column.effect].parameters]
-            wanted = rigid[:, :, 10 * j + specs.index(column.parameter)]
+            specs = [parameter.name for parameter in CATALOGUE[column.effect].parameters]
+            expected = rigid[:, :, 10 * j + specs.index(column.parameter)]
         else:
-            wanted[:, j] = own[spec.role][:, j] if spec.role in own else 1.0
-        gap = float(np.abs(states.torque[:, :, k] - wanted).max())
-        size = max(1.0, float(np.abs(wanted).max()))
+            expected[:, j] = signal_of_role[spec.role][:, j] if spec.role in signal_of_role else 1.0
+        gap = float(np.abs(states.torque[:, :, k] - expected).max())
+        size = max(1.0, float(np.abs(expected).max()))
         expect(gap <= 1e-9 * size, f"{column.name} has the role {spec.role}, but its column is another ({gap:.2g} off)")
         roles += 1
     return f"{roles} columns are what their roles say, those of links by Pinocchio" if roles else "no roles"
 
 
 def _pinocchio_rows(states: States) -> FloatArray:
-    """(m, n, 10 n): Pinocchio's regressor, columns XX XY XZ YY YZ ZZ MX MY MZ M a link."""
+    """Return Pinocchio's regressor (m, n, 10 n), with columns XX XY XZ YY YZ ZZ MX MY MZ M a link."""
     import pinocchio as pin
 
     model = to_pinocchio(states.robot)
     data, n = model.createData(), states.robot.n
     order = (10 * np.arange(n)[:, None] + [4, 5, 7, 6, 8, 9, 1, 2, 3, 0]).reshape(-1)
-    at = zip(states.q, states.dq, states.ddq, strict=True)
-    rows = [np.array(pin.computeJointTorqueRegressor(model, data, *one)) for one in at]
+    states_of_motion = zip(states.q, states.dq, states.ddq, strict=True)
+    rows = [np.array(pin.computeJointTorqueRegressor(model, data, *state)) for state in states_of_motion]
     return np.array(rows).reshape(len(rows), n, 10 * n)[:, :, order]
 
 
 def _check_energy(states: States) -> str:
-    """Along a motion, stored energy changes by the power of the torque: by finite differences of its value."""
+    """Check by finite differences that stored energy changes by the power of the torque."""
     stored = [k for k, column in enumerate(states.columns) if column.energy is not None]
     for k in stored:
         rate = states.energy_rate(k)
@@ -196,29 +205,34 @@ def _check_energy(states: States) -> str:
 
 
 def _check_friction(effect: Effect, states: States) -> str:
-    """Friction that nature allows one sign takes energy."""
-    tried = []
+    """Check that friction with a positive parameter takes energy from the motion."""
+    checked = []
     for k, column in enumerate(states.columns):
         spec = described(column)
+        # A column with memory or with the acceleration may give back energy that it has stored before.
         alone = not (ca.depends_on(column.torque, states.signals.ddq) or states.signals.memory_in(column.torque))
         if effect.is_friction and spec is not None and spec.positive and alone:
             power = (states.torque[:, :, k] * states.dq).sum(axis=1)
             expect(power.min() >= -1e-12, f"{column.name} is friction above zero, and its column drives the motion")
-            tried.append(column.name)
-    return f"{len(tried)} columns of friction take energy" if tried else "no friction of one sign without memory"
+            checked.append(column.name)
+    return f"{len(checked)} columns of friction take energy" if checked else "no friction of one sign without memory"
 
 
 def _check_found_again(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> str:
-    """What a virtual robot has is what explains its recordings."""
+    """Check that the effect explains the recordings of a virtual robot that has it."""
     if any(choice.effect == effect.id for choice in DEFAULT_EFFECTS):
-        left = _left(recorded(typical_drive(robot)))
-        expect(left < 0.02, f"the usual model with {effect.id} leaves {left:.1%} of the torque of an arm that has it")
-        return f"the usual model leaves {left:.2%} of the torque"
+        unexplained = _left(recorded(typical_drive(robot)))
+        expect(
+            unexplained < 0.02,
+            f"the usual model with {effect.id} leaves {unexplained:.1%} of the torque of an arm that has it",
+        )
+        return f"the usual model leaves {unexplained:.2%} of the torque"
     on = robot.joint_names[possible[len(possible) // 2]] if effect.scope == "joint" else ""
     try:
         usual = typical_effect(robot, effect.id, on)
     except DynidentError as error:
         raise ConformanceError(f"{effect.id} cannot be given a size; write usual(): {error}") from None
+    # Filters and the smooth sign of friction leave some torque even without the effect; compare with that.
     floor = _plain_floor()
     for factor in (1.0, _LARGER):
         values = tuple((name, factor * value) for name, value in usual.values)
@@ -240,7 +254,7 @@ def _check_found_again(effect: Effect, robot: Robot, possible: tuple[int, ...]) 
 
 @cache
 def _plain_floor() -> float:
-    """Share of the torque that filters and a smooth sign of friction leave where no effect is hidden."""
+    """Return the share of the torque that filters and a smooth sign of friction leave without any hidden effect."""
     return _left(recorded(typical_drive(trial_arm())))
 
 
@@ -250,6 +264,6 @@ def _choice(effect: Effect, hidden: TrueEffect) -> EffectChoice:
 
 
 def _left(trial: Trial, *more: EffectChoice) -> float:
-    """Share of the torque that a model leaves unexplained."""
+    """Return the share of the torque that a model leaves unexplained."""
     choices = IdentificationChoices(effects=(*DEFAULT_EFFECTS, *more))
     return identify(trial.robot, trial.recordings, [], choices).fit.relative_total

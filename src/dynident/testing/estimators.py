@@ -1,4 +1,4 @@
-"""Does an estimator keep to what strategies, diagnoses and exports rely on?"""
+"""Conformance check of an estimator: everything that strategies, diagnoses and exports rely on."""
 
 from __future__ import annotations
 
@@ -18,30 +18,34 @@ from dynident.testing.failing import expect
 from dynident.testing.trial import Trial, recorded, trial_arm
 
 _NOISE = 0.2
-"""N m."""
+"""Noise of the torque in N m."""
 _OFF = 0.03
-"""Share of the torque by which estimates may be off: filters and the smooth sign of friction take some of it."""
+"""Largest relative error of the estimates' torque: filters and the smooth sign of friction cause some of it."""
 
 
 def check_estimator(estimator: Estimator, choices: IdentificationChoices | None = None) -> tuple[str, ...]:
-    """Try an estimator on recordings of a small arm whose parameters are known; the answer says what was found.
+    """Check an estimator on recordings of a small arm whose parameters are known.
 
-    Checked are that the estimates are one number for each base parameter, near those of ordinary weighted least squares
-    and near the truth; that their covariance is symmetric, has no negative direction and no parameter that is surer
-    than the noise allows; that the same data give the same estimates, and are left as they were; that more data make
-    the estimates surer.
+    The estimates must be one finite number for each base parameter, near the truth. Their covariance must be finite,
+    symmetric and positive semidefinite. The same data must give the same estimates and stay unchanged. More data must
+    make the standard deviations smaller.
 
     Parameters
     ----------
     estimator : Estimator
-        One of the room `identification.methods.estimators`, or another of its kind.
+        One of the package `identification.methods.estimators`, or another of its kind.
     choices : IdentificationChoices, optional
-        What it is asked with beside itself; the usual ones otherwise.
+        Other choices for the identification; the default ones otherwise.
+
+    Returns
+    -------
+    tuple of str
+        What was checked, and the results.
 
     Raises
     ------
     ConformanceError
-        Where something does not hold; the message says what.
+        If a requirement does not hold; the message tells which.
     """
     chosen = replace(choices or IdentificationChoices(), estimator=estimator)
     trial = recorded(typical_drive(trial_arm()), noise=_NOISE)
@@ -54,39 +58,39 @@ def check_estimator(estimator: Estimator, choices: IdentificationChoices | None 
     )
     data = _data(start, trial)
     problem = _problem(start, chosen, data)
-    kept = [equation.joined.copy() for equation in data.equations.equations]
+    rows_before = [equation.joined.copy() for equation in data.equations.equations]
     fit = estimator.solve(problem)
-    told = [_check_values(start.model, fit, data, _truth(start.model, trial)), _check_statistics(start.model, fit)]
-    changed = [not np.array_equal(a, e.joined) for a, e in zip(kept, data.equations.equations, strict=True)]
+    report = [_check_values(start.model, fit, data, _truth(start.model, trial)), _check_statistics(start.model, fit)]
+    changed = [not np.array_equal(a, e.joined) for a, e in zip(rows_before, data.equations.equations, strict=True)]
     expect(not any(changed), "the estimator has changed the data that it was given")
     again = estimator.solve(problem)
     expect(
         np.allclose(again.solution.values, fit.solution.values, rtol=1e-9, atol=1e-12),
         "the same data give other estimates the second time: draw random numbers from a fixed seed",
     )
-    told.append(_check_more_data(estimator.solve(_problem(few, chosen, _data(few, trial, 1))), fit))
-    return tuple(told)
+    report.append(_check_more_data(estimator.solve(_problem(few, chosen, _data(few, trial, 1))), fit))
+    return tuple(report)
 
 
-def _data(found: Identification, trial: Trial, runs: int | None = None) -> Data:
-    return found.data.to_solve(found.estimate.reference, trial.recordings[:runs])
+def _data(identification: Identification, trial: Trial, runs: int | None = None) -> Data:
+    return identification.data.to_solve(identification.estimate.reference, trial.recordings[:runs])
 
 
-def _problem(found: Identification, choices: IdentificationChoices, data: Data) -> Problem:
-    return Problem(found.model, data, None, choices.covariance, choices.trust)
+def _problem(identification: Identification, choices: IdentificationChoices, data: Data) -> Problem:
+    return Problem(identification.model, data, None, choices.covariance, choices.trust)
 
 
 def _truth(model: Model, trial: Trial) -> FloatArray:
-    """(b,): the base parameters that the trial arm has."""
+    """Return the true base parameters (b,) of the trial arm."""
     assert trial.robot.inertias is not None
     links = trial.robot.inertias.reshape(-1)
-    drives = {(one.effect, one.joint, name): value for one in trial.effects for name, value in one.values}
+    drives = {(effect.effect, effect.joint, name): value for effect in trial.effects for name, value in effect.values}
     standard, inertial = np.zeros(len(model.columns)), 0
     for k, column in enumerate(model.columns):
-        given = drives.get((column.effect, column.link, column.parameter))
-        if given is None and inertial < len(links):
-            given, inertial = float(links[inertial]), inertial + 1
-        standard[k] = given or 0.0
+        value_of_column = drives.get((column.effect, column.link, column.parameter))
+        if value_of_column is None and inertial < len(links):
+            value_of_column, inertial = float(links[inertial]), inertial + 1
+        standard[k] = value_of_column or 0.0
     return np.asarray(model.base.grouping @ standard)
 
 
@@ -110,6 +114,7 @@ def _check_statistics(model: Model, fit: Fit) -> str:
     expect(np.isfinite(covariance).all(), "the covariance is not finite")
     size = float(np.abs(covariance).max())
     expect(np.allclose(covariance, covariance.T, atol=1e-9 * size), "the covariance is not symmetric")
+    # Scale to correlations: otherwise the units of the parameters decide which eigenvalue counts as negative.
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     least = float(np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min())
     expect(least >= -1e-6, f"the covariance has a negative direction ({least:.2g} of its diagonal)")

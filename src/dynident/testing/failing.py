@@ -1,13 +1,13 @@
-"""What is raised where something does not keep to the rules."""
+"""The error of conformance checks, and a function that raises it."""
 
 from __future__ import annotations
 
 
 class ConformanceError(AssertionError):
-    """An effect or an estimator does not keep to what others rely on; the message says how."""
+    """Error: an effect or an estimator does not meet a requirement; the message tells which."""
 
 
-def expect(holds: object, told: str) -> None:
-    """Raise `ConformanceError` with that message unless it holds."""
+def expect(holds: object, message: str) -> None:
+    """Raise `ConformanceError` with the message unless `holds` is true."""
     if not holds:
-        raise ConformanceError(told)
+        raise ConformanceError(message)

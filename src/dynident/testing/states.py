@@ -13,16 +13,24 @@ from dynident.robot import Robot
 
 _COUNT = 30
 _STEP = 1e-4
-"""s between the two sides of a central difference, halved."""
+"""Step of central differences in s, to each side."""
 _SESSION = 6.0
-"""s."""
+"""Longest time of a random state in s."""
 
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """m random states, the first of them at rest: q, dq, ddq (m, n); `torque` (m, n, columns) for unit parameters.
+    """Columns of an effect at m random states, the first of them at rest.
 
-    `strangers` are names of symbols that the columns depend on and that are none of the signals.
+    Attributes
+    ----------
+    robot, signals, columns
+        The robot, its signals, and the columns of the effect.
+    q, dq, ddq : ndarray (m, n)
+    torque : ndarray (m, n, number of columns)
+        For unit parameters.
+    strangers : tuple of str
+        Symbols that the columns depend on although they are no signals.
     """
 
     robot: Robot
@@ -36,7 +44,7 @@ class States:
 
     @classmethod
     def of(cls, robot: Robot, effect: Effect, joints: tuple[int, ...]) -> States:
-        """Those of an effect on joints of a robot, with its usual shape constants."""
+        """Return the columns of an effect on joints of a robot at random states, with usual shape constants."""
         usual = effect.usual(robot, joints[0])
         shape = effect.shape_with_defaults({} if usual is None else usual.shape)
         names = tuple(robot.joint_names[j] for j in joints) if effect.scope == "joint" else ()
@@ -46,27 +54,28 @@ class States:
         q, dq, ddq = (rng.uniform(-size, size, (_COUNT, robot.n)) for size in (2.0, 2.5, 6.0))
         dq[0] = 0.0
         stacked = ca.horzcat(*(column.torque for column in columns)) if columns else ca.SX(robot.n, 0)
-        known = _known(signals)
-        strangers = {s.name() for s in ca.symvar(stacked)} - {s.name() for s in ca.symvar(ca.vertcat(*known))}
+        symbols = _known(signals)
+        strangers = {s.name() for s in ca.symvar(stacked)} - {s.name() for s in ca.symvar(ca.vertcat(*symbols))}
         torque = np.zeros((_COUNT, robot.n, len(columns)))
         if not strangers:
-            function = ca.Function("columns", [signals.q, signals.dq, signals.ddq, *known[3:]], [ca.densify(stacked)])
+            function = ca.Function("columns", [signals.q, signals.dq, signals.ddq, *symbols[3:]], [ca.densify(stacked)])
             for k, state in enumerate(zip(q, dq, ddq, strict=True)):
                 torque[k] = np.array(function(*state, *_values(signals, rng))).reshape(robot.n, -1)
         return cls(robot, signals, columns, q, dq, ddq, torque, tuple(sorted(strangers)))
 
     def energy_rate(self, index: int) -> FloatArray:
-        """(m,): rate of a column's stored energy along the motion through each state, by central differences."""
+        """Return the rate (m,) of a column's stored energy along the motion through each state."""
         energy = self.columns[index].energy
         assert energy is not None
         signals = self.signals
-        known = [signals.q, signals.dq, signals.run_symbols]
-        function = ca.Function("energy", known, [energy()])
+        symbols = [signals.q, signals.dq, signals.run_symbols]
+        function = ca.Function("energy", symbols, [energy()])
         present = np.ones(signals.run_symbols.shape[0])
+        # Central differences along the parabola with the state's velocity and acceleration.
         sides = []
         for step in (_STEP, -_STEP):
             q, dq = self.q + step * self.dq + 0.5 * step**2 * self.ddq, self.dq + step * self.ddq
-            sides.append(np.array([float(function(*one, present)) for one in zip(q, dq, strict=True)]))
+            sides.append(np.array([float(function(*state, present)) for state in zip(q, dq, strict=True)]))
         return np.asarray((sides[0] - sides[1]) / (2 * _STEP))
 
 
@@ -77,8 +86,8 @@ def _known(signals: Signals) -> list[ca.SX]:
 
 
 def _values(signals: Signals, rng: np.random.Generator) -> list[FloatArray]:
-    """One value for each of the signals beside q, dq, ddq; the predicted torque is that of the description."""
-    n, links, one = signals.robot.n, signals.robot.inertias, np.ones(signals.robot.n)
+    """Return values of the signals beside q, dq, ddq; predicted torque is that of the description."""
+    n, links, ones = signals.robot.n, signals.robot.inertias, np.ones(signals.robot.n)
     if links is None:
         links = np.ones((signals.robot.tree.n, 10))
     return [
@@ -87,7 +96,7 @@ def _values(signals: Signals, rng: np.random.Generator) -> list[FloatArray]:
         rng.uniform(0, _SESSION, 1),
         np.array([1e-3]),
         rng.uniform(20, 45, n),
-        ReferenceParameters(links, one, one, one, one).vector,
+        ReferenceParameters(links, ones, ones, ones, ones).vector,
         rng.uniform(-1, 1, signals.memory_symbols.shape[0]),
         np.ones(signals.run_symbols.shape[0]),
     ]

@@ -1,4 +1,4 @@
-"""A small arm, its motions and its recordings, on which effects and estimators are tried."""
+"""A small arm, its motions and its recordings, on which effects and estimators are checked."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _LINKS = (
 _RATE = 250.0
 _DURATION = 16.0
 _LATER = 1500.0
-"""s after the first run that the second one begins: what drifts has changed by then."""
+"""Time in s from the start of one run to that of the next: effects that drift have changed by then."""
 
 
 @cache
 def trial_arm() -> Robot:
-    """Three revolute joints: one about the vertical, two that lift."""
+    """Return an arm of three revolute joints: one about the vertical, two that lift."""
     parts = ['<robot name="trial"><link name="base"/>']
     for k, (axis, place, mass, centre, moments) in enumerate(_LINKS):
         xx, yy, zz = moments
@@ -41,14 +41,14 @@ def trial_arm() -> Robot:
 
 
 def trial_motion(robot: Robot, seed: int) -> Reference:
-    """From rest to rest in a quarter of a minute, all joints over much of their range."""
+    """Return a motion from rest to rest in a quarter of a minute, with all joints over much of their range."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(_DURATION * _RATE) + 1) / _RATE
     rates = 2 * np.pi / _DURATION * np.array([1.0, 2.0, 3.0, 5.0, 8.0])[:, None]
     q, dq, ddq = (np.zeros((len(t), robot.n)) for _ in range(3))
     for j in range(robot.n):
         even, odd = rng.normal(size=(5, 1)) / rates, rng.normal(size=(5, 1)) / rates
-        # At rest at both ends.
+        # The velocity at both ends is the sum of the sines' coefficients times their rates: the last one makes it zero.
         odd[-1] = -(odd[:-1] * rates[:-1]).sum() / rates[-1]
         x = (even * np.cos(rates * t) + odd * np.sin(rates * t)).sum(axis=0)
         dx = (rates * (odd * np.cos(rates * t) - even * np.sin(rates * t))).sum(axis=0)
@@ -60,7 +60,7 @@ def trial_motion(robot: Robot, seed: int) -> Reference:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Runs of the trial arm with known effects: what was recorded, and what is true of the arm."""
+    """Recordings of the trial arm, and the true effects that it has."""
 
     robot: Robot
     recordings: tuple[Recording, ...]
@@ -68,17 +68,17 @@ class Trial:
 
 
 def recorded(effects: Sequence[TrueEffect], *, noise: float = 0.0, runs: int = 2) -> Trial:
-    """Let the trial arm move, with these effects, in runs named "run1", "run2" …; the torque's noise in N m."""
+    """Simulate the trial arm with effects in runs named "run1", "run2" …; `noise` of the torque is in N m."""
     robot = trial_arm()
     virtual = VirtualRobot(robot, effects)
     sensors = Sensors(_RATE, None, torque_noise=0.0, torque_noise_absolute=(noise,) * robot.n)
-    made = []
+    recordings = []
     for k in range(runs):
         reference = trial_motion(robot, k)
         later = warmed(replace(reference, t=reference.t + k * _LATER), Warming())
         name = f"run{k + 1}"
-        made.append(_recording(virtual.measure(later, sensors, run=name, seed=k), name))
-    return Trial(robot, tuple(made), tuple(effects))
+        recordings.append(_recording(virtual.measure(later, sensors, run=name, seed=k), name))
+    return Trial(robot, tuple(recordings), tuple(effects))
 
 
 def _recording(measured: Measurement, name: str) -> Recording:

@@ -1,4 +1,4 @@
-"""Is an identified model to be trusted: the validations of §12.7, each with a verdict and its reason."""
+"""Validate an identified model (§12.7): each validation ends with a verdict and its reason."""
 
 from __future__ import annotations
 
@@ -51,5 +51,5 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    # Requests are declared in this package, too: reading one must not wait for the imports of the computation.
     __getattr__ = lazily(__name__)

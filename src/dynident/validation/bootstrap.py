@@ -1,9 +1,9 @@
-"""Do deviations stand when stretches of time are drawn anew (the bootstrap over clusters)?
+"""Compare computed standard deviations with those of a bootstrap over blocks of time (the bootstrap over clusters).
 
-What is told of a parameter is computed, not drawn: the jackknife over stretches, with the weights of the equations and
-the columns of shape constants as they are at the estimate. Draws weigh the equations anew. Both are from the same
-stretches, which know a deviation to a share of 1 / sqrt(2 ν), with the ν degrees of freedom of its variance: where they
-differ by more than twice that, the deviation hangs on how it is computed.
+The standard deviations of an identification are computed, not drawn: by the jackknife over blocks, with the weights of
+the equations and the columns of shape constants as they are at the estimate. Draws weigh the equations anew. Both are
+from the same blocks, which know a deviation to a share of 1 / sqrt(2 ν), with the ν degrees of freedom of its variance:
+where they differ by more than twice that, the deviation depends on how it is computed.
 """
 
 from __future__ import annotations
@@ -71,29 +71,45 @@ class BootstrapValidation:
 def validate_bootstrap(
     identification: Identification, *, draws: int = DRAWS, seed: int = 0, progress: Progress = silent
 ) -> BootstrapValidation:
-    """Draw stretches of time anew and hold the deviations against those that the identification tells.
+    """Draw blocks of time anew and compare the deviations with those of the identification.
 
     Only reduced data are used: no recording is read.
+
+    Parameters
+    ----------
+    identification : Identification
+    draws : int
+        How often blocks are drawn.
+    seed : int
+        Of the random numbers.
+    progress : Progress
+
+    Returns
+    -------
+    BootstrapValidation
     """
     stretches = int(occupied(identification.data.equations).sum())
     why = _why_not(identification, stretches)
     if why:
         return BootstrapValidation((), None, stretches, 0, 0, Judged("not_evaluated", why))
     progress(0.0, "drawing stretches of time")
-    names, units, reduction, solution, told = _subject(identification)
-    found = bootstrap(reduction, solution, draws=draws, seed=seed)
+    names, units, reduction, solution, statistics = _subject(identification)
+    result = bootstrap(reduction, solution, draws=draws, seed=seed)
+    # Two sources let the ratio scatter: the deviation itself, known to 1 / sqrt(2 ν) of its value, and the finite
+    # number of draws.
     error = 1.0 / np.sqrt(2.0 * draws)
-    width = _TWICE * np.sqrt(1.0 / (2.0 * told.freedom) + error**2)
-    values = zip(names, units, told.standard_deviations, found.deviations, width, strict=True)
+    width = _TWICE * np.sqrt(1.0 / (2.0 * statistics.freedom) + error**2)
+    values = zip(names, units, statistics.standard_deviations, result.deviations, width, strict=True)
     parameters = tuple(
         DrawnParameter(name, unit, float(own), float(drawn), float(1.0 / (1.0 + wide)), float(1.0 + wide))
         for name, unit, own, drawn, wide in values
     )
-    judged = _judged(parameters, found, stretches)
-    return BootstrapValidation(parameters, found.kind, stretches, draws, found.lost, judged)
+    judged = _judged(parameters, result, stretches)
+    return BootstrapValidation(parameters, result.kind, stretches, draws, result.lost, judged)
 
 
 def _why_not(identification: Identification, stretches: int) -> str:
+    """Return why the model cannot be drawn; "" where it can."""
     if not identification.choices.least_squares_of_torque:
         return (
             "Drawing anew is for parameters that are least squares of the joints' torques (the dynamic model, the "
@@ -107,31 +123,31 @@ def _why_not(identification: Identification, stretches: int) -> str:
 
 
 def _subject(identification: Identification) -> tuple[list[str], list[str], Reduction, Solution, Statistics]:
-    """What is drawn: names, units, data, estimate, and what is told of it; shape constants behind the parameters."""
+    """Return names, units, data, estimate and statistics of what is drawn, shape constants behind the parameters."""
     estimate, data, model = identification.estimate, identification.data, identification.model
     names, units = [column.name for column in model.kept], [column.unit for column in model.kept]
-    found = None
+    shapes = None
     if data.shaped is not None:
-        found = looked_at_shapes(model, estimate.solution, identification.choices.covariance, data.shaped)
-    if found is None:
+        shapes = looked_at_shapes(model, estimate.solution, identification.choices.covariance, data.shaped)
+    if shapes is None:
         return names, units, data.equations, estimate.solution, estimate.statistics
     for place in shape_places(model.effects):
         joints = "+".join(model.effects[place.choice].joints)
         names.append(f"{'ln ' if place.search.in_octaves else ''}{place.spec.name}{' on ' + joints if joints else ''}")
         units.append("-" if place.search.in_octaves else place.spec.unit)
-    return names, units, found.reduction, found.solution, found.statistics
+    return names, units, shapes.reduction, shapes.solution, shapes.statistics
 
 
-def _judged(parameters: tuple[DrawnParameter, ...], found: Bootstrap, stretches: int) -> Judged:
-    how = "with Webb's weights for the residuals" if found.kind == "wild" else "with replacement"
-    drawn = f"{found.draws} draws of {stretches} stretches of time {how}"
-    if found.lost > _MOST_LOST * found.draws:
+def _judged(parameters: tuple[DrawnParameter, ...], result: Bootstrap, stretches: int) -> Judged:
+    how = "with Webb's weights for the residuals" if result.kind == "wild" else "with replacement"
+    drawn = f"{result.draws} draws of {stretches} stretches of time {how}"
+    if result.lost > _MOST_LOST * result.draws:
         return Judged(
             "not_evaluated",
-            f"Of {drawn} {found.lost} do not determine all parameters: few stretches tell of some of them.",
+            f"Of {drawn} {result.lost} do not determine all parameters: few stretches tell of some of them.",
         )
-    outside = [one for one in parameters if one.outside]
-    ratios = np.array([one.ratio for one in parameters])
+    outside = [parameter for parameter in parameters if parameter.outside]
+    ratios = np.array([parameter.ratio for parameter in parameters])
     middle = f"in {drawn} deviations are {np.median(ratios):.2f} times those told (median)"
     if len(outside) <= _MOST_OUTSIDE * len(parameters):
         few = f"; outside of what so few stretches explain: {_named(outside)}" if outside else ""
@@ -144,6 +160,6 @@ def _judged(parameters: tuple[DrawnParameter, ...], found: Bootstrap, stretches:
 
 
 def _named(outside: list[DrawnParameter]) -> str:
-    worst = sorted(outside, key=lambda one: -abs(np.log(max(one.ratio, 1e-9))))[:6]
+    worst = sorted(outside, key=lambda parameter: -abs(np.log(max(parameter.ratio, 1e-9))))[:6]
     more = f" and {len(outside) - len(worst)} more" if len(outside) > len(worst) else ""
-    return ", ".join(f"{one.name} ({one.ratio:.2f})" for one in worst) + more
+    return ", ".join(f"{parameter.name} ({parameter.ratio:.2f})" for parameter in worst) + more

@@ -1,8 +1,8 @@
-"""How far a simulated robot runs away from the recorded one under the torque that was measured, without a controller.
+"""How far a simulated robot drifts from the recorded one under the measured torque, without a controller.
 
 A simulator that follows a recorded motion under joint control hides what its model lacks: the controller makes up for
-it. Left alone from a measured state under the measured torque, the error of the torque becomes one of the position.
-Most arms are unstable then (a link that stands upright falls to either side), so this is asked for short times only.
+it. Started from a measured state under the measured torque alone, the error of the torque becomes one of the position.
+Most arms are unstable then (a link that stands upright falls to either side), so only short times are simulated.
 """
 
 from __future__ import annotations
@@ -45,18 +45,27 @@ class Drift:
 
     @property
     def after(self) -> tuple[float, ...]:
-        """Seconds after which it is told."""
+        """Seconds of simulation after which the drift is given."""
         return AFTER
 
     @property
     def share(self) -> FloatArray:
-        """(3, n): distance over way. Of a joint that hardly moves, over what a joint that stands may move."""
+        """Distance over way (3, n). For a joint that hardly moves, over what a standing joint may move."""
         return np.asarray(self.distance / np.maximum(self.way, STANDS))
 
 
 @single_threaded
 def open_loop_drift(identification: Identification, recordings: Sequence[Recording]) -> Drift:
-    """Leave a robot with the identified parameters alone again and again along recorded motions.
+    """Simulate a robot with the identified parameters, without a controller, from many states of recorded motions.
+
+    Parameters
+    ----------
+    identification : Identification
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    Drift
 
     Raises
     ------
@@ -64,19 +73,19 @@ def open_loop_drift(identification: Identification, recordings: Sequence[Recordi
         Where no robot can have the identified parameters, or no recording has a motion to follow.
     """
     simulator = simulator_of(identification.model, identification.values)
-    motions = [longest_stretch(one, identification.preprocessing, np.inf) for one in recordings]
+    motions = [longest_stretch(recording, identification.preprocessing, np.inf) for recording in recordings]
     each = max(1, _MOST_STARTS // max(len(motions), 1))
-    found = [_leave_alone(simulator, motion, start) for motion in motions for start in _starts(motion, each)]
-    if not found:
+    outcomes = [_leave_alone(simulator, motion, start) for motion in motions for start in _starts(motion, each)]
+    if not outcomes:
         raise DynidentError(
             f"no unbroken stretch of the recordings is {AFTER[0]:g} s long", pointer="/windows", title="Too short"
         )
-    away, moved = (np.array(one) for one in zip(*found, strict=True))
-    return Drift(identification.model.robot.joint_names, _rms(away), _rms(moved), len(found))
+    away, moved = (np.array(distances) for distances in zip(*outcomes, strict=True))
+    return Drift(identification.model.robot.joint_names, _rms(away), _rms(moved), len(outcomes))
 
 
 def _starts(motion: RecordedMotion, most: int) -> list[int]:
-    """Give the samples that simulations start from: spread over the motion, with the longest time left where it can."""
+    """Return the samples that simulations start from, spread over the motion; the longest horizon fits where it can."""
     t = motion.reference.t
     length = float(t[-1] - t[0])
     last = length - AFTER[-1] if length > AFTER[-1] else length - AFTER[0]
@@ -87,12 +96,12 @@ def _starts(motion: RecordedMotion, most: int) -> list[int]:
 
 
 def _leave_alone(simulator: Simulator, motion: RecordedMotion, start: int) -> tuple[FloatArray, FloatArray]:
-    """How far the simulated robot is off, and how far the real one moved: (3, n) each."""
+    """Return how far the simulated robot is off, and how far the real one moved: (3, n) each."""
     whole, robot = motion.reference, simulator.robot
     n = whole.q.shape[1]
     here = whole.t[start]
     # A sample's time may be off by rounding; a horizon that ends there is there.
-    after = np.array([one for one in AFTER if here + one <= whole.t[-1] + 1e-9])
+    after = np.array([horizon for horizon in AFTER if here + horizon <= whole.t[-1] + 1e-9])
     t = here + _STEP * np.arange(round(after[-1] / _STEP) + 1)
     tau = np.column_stack([np.interp(t, whole.t, column) for column in motion.tau.T])
     heat = None if whole.temperature is None else whole.temperature[start:]
@@ -100,7 +109,9 @@ def _leave_alone(simulator: Simulator, motion: RecordedMotion, start: int) -> tu
         whole, t=whole.t[start:], q=whole.q[start:], dq=whole.dq[start:], ddq=whole.ddq[start:], temperature=heat
     )
     signals = robot.dynamics.signals
+    # Presliding friction and backlash depend on the path before the start, so their states are carried along up to it.
     memory = MemoryStates(signals.memory_signals).push(signals.robot.positions(whole.q[: start + 1]))[-1]
+    # A simulation that diverges overflows. That is a result, infinite drift, and no error.
     with np.errstate(all="ignore"):
         q = robot.move_freely(rest, tau, _STEP, memory=memory, run=motion.label)
     rows = np.rint(after / _STEP).astype(np.intp)
@@ -112,7 +123,7 @@ def _leave_alone(simulator: Simulator, motion: RecordedMotion, start: int) -> tu
 
 
 def _rms(values: FloatArray) -> FloatArray:
-    """(3, n): over the starts (k, 3, n) that reach so far; nan where none does."""
+    """Return the root mean square (3, n) over the starts (k, 3, n) that reach so far; nan where none does."""
     there = ~np.isnan(values)
     counts = there.sum(axis=0)
     squares = np.where(there, values, 0.0) ** 2

@@ -1,4 +1,4 @@
-"""The choice of filter parameters by simulating the identification (§12.7).
+"""Choose filter parameters by simulating the identification (§12.7).
 
 A robot with the identified parameters makes the recorded motion and is measured with the recording's noise. Its
 parameters are known, so the error that a choice of filters leaves in them can be seen: the bias of derivatives that
@@ -35,6 +35,7 @@ from dynident.validation.verdict import Judged
 LONGEST = 30.0
 """Seconds of a recording that are simulated at most."""
 
+# Draws of the noise: enough to tell bias from scatter, and each costs an identification for every choice of filters.
 _DRAWS = 4
 # Cut-offs that are tried, as multiples of the identification's own (of a twentieth of the rate where it has none).
 _MULTIPLES = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8)
@@ -92,10 +93,20 @@ def filters_by_simulation(
 
     Parameters
     ----------
+    identification : Identification
+    recording : Recording
+        Its longest unbroken segment gives the motion, its noise that of the simulated sensors.
     cutoffs : sequence of float, optional
         Position cut-offs in Hz to try; multiples of the identification's own where none are given.
     longest : float
         Seconds of the recording that are simulated at most.
+    seed : int
+        Of the first draw of the noise.
+    progress : Progress
+
+    Returns
+    -------
+    FiltersBySimulation
 
     Raises
     ------
@@ -107,6 +118,7 @@ def filters_by_simulation(
     progress(0.0, "simulating the recorded motion")
     simulator = simulator_of(identification.model, identification.values)
     truth = _truth(simulator, motion, part(progress, 0.0, 0.3))
+    # All choices of filters are tried on the same draws of the noise: their differences then hold no luck of the draw.
     draws = [_drawn(identification, truth, motion, noise, seed + k) for k in range(_DRAWS)]
     own = identification.preprocessing
     grid = _grid(own, recording, cutoffs)
@@ -124,7 +136,7 @@ def filters_by_simulation(
 
 
 def _truth(simulator: Simulator, motion: RecordedMotion, progress: Progress) -> Measurement:
-    """The motion that the simulated robot makes, without noise."""
+    """Return the motion that the simulated robot makes, without noise."""
     try:
         return simulator.follow(motion, progress)
     except DynidentError as error:
@@ -139,7 +151,7 @@ def _truth(simulator: Simulator, motion: RecordedMotion, progress: Progress) -> 
 def _drawn(
     identification: Identification, truth: Measurement, motion: RecordedMotion, noise: SensorNoise, seed: int
 ) -> Recording:
-    """The simulated measurement with one draw of the noise, as a recording."""
+    """Return the simulated measurement with one draw of the noise, as a recording."""
     rng = np.random.default_rng(seed)
     q = truth.truth.q + noise.position * rng.standard_normal(truth.truth.q.shape)
     tau = truth.tau + noise.torque * rng.standard_normal(truth.tau.shape)
@@ -151,7 +163,7 @@ def _drawn(
 
 
 def _grid(own: Preprocessing, recording: Recording, cutoffs: Sequence[float] | None) -> list[Preprocessing]:
-    """The identification's own choice first, then the others, each once."""
+    """Return the identification's own choice first, then the others, each once."""
     highest = _HIGHEST * 0.5 * recording.sampling_rate
     middle = own.position_cutoff or own.torque_cutoff or _SHARE_OF_RATE * recording.sampling_rate
     positions = [middle * factor for factor in _MULTIPLES] if cutoffs is None else list(cutoffs)
@@ -162,17 +174,17 @@ def _grid(own: Preprocessing, recording: Recording, cutoffs: Sequence[float] | N
                 f"frequencies above 0 and below {0.5 * recording.sampling_rate:.6g} Hz",
                 pointer=f"/cutoffs/{index}",
             )
-    found = [own]
+    grid = [own]
     for position in positions:
         for factor in (0.5, 1.0, 2.0):
-            asked = {
+            request = {
                 "position_cutoff": float(f"{position:.3g}"),
                 "torque_cutoff": float(f"{position * factor:.3g}"),
                 "filter_order": own.filter_order,
             }
-            if max(asked["position_cutoff"], asked["torque_cutoff"]) <= highest or cutoffs is not None:
-                found.append(replace(preprocessing_from_request(asked, [recording]), reasons=()))
-    return list(dict.fromkeys(found))
+            if max(request["position_cutoff"], request["torque_cutoff"]) <= highest or cutoffs is not None:
+                grid.append(replace(preprocessing_from_request(request, [recording]), reasons=()))
+    return list(dict.fromkeys(grid))
 
 
 def _tried(
@@ -184,10 +196,10 @@ def _tried(
             reduce_recordings(model.observation, [draw], preprocessing, identification.estimate.reference)
             for draw in draws
         ]
-        found = np.array([weighted(reduction).values for reduction in reductions])
+        estimates = np.array([weighted(reduction).values for reduction in reductions])
     except DynidentError as error:
         return FilterTrial(preprocessing, None, None, "", None, error.detail)
-    gaps = found - true
+    gaps = estimates - true
     # Held against the rows of the identification itself: what the parameters cost there does not depend on the filter.
     size = [share_of_measured(identification.data.training, gap) for gap in gaps]
     mean = gaps.mean(axis=0)

@@ -24,6 +24,7 @@ from dynident.robot.model import Robot
 from dynident.threads import single_threaded
 from dynident.validation.verdict import Judged
 
+# Random postures, the worst of them that descents start from, and steps of a descent at most.
 _SAMPLES = 2000
 _STARTS = 16
 _ITERATIONS = 80
@@ -53,8 +54,19 @@ def validate_inertia_matrix(
 ) -> InertiaMatrixValidation:
     """Search the joint range for the posture where the inertia matrix is least positive.
 
-    Scaled to a unit diagonal, because a wrist's inertia is a thousandth of a shoulder's: the sign is what counts.
-    Joints without limits are searched over a full turn (± 1 m).
+    The matrix is scaled to a unit diagonal, because a wrist's inertia is a thousandth of a shoulder's: the sign is what
+    counts. Joints without limits are searched over a full turn (± 1 m).
+
+    Parameters
+    ----------
+    identification : Identification
+    seed : int
+        Of the random postures.
+    progress : Progress
+
+    Returns
+    -------
+    InertiaMatrixValidation
     """
     model, values = identification.model, identification.values
     if not any(effect_by_id(column.effect).is_inertia for column in model.kept):
@@ -85,7 +97,7 @@ def validate_inertia_matrix(
 
 
 class _Search:
-    """Postures that were tried, the worst of them kept."""
+    """Minimisation of the smallest eigenvalue over postures, which keeps the worst posture of all evaluations."""
 
     def __init__(self, model: Model, values: FloatArray) -> None:
         self._values = values
@@ -95,14 +107,14 @@ class _Search:
         self.evaluations = 0
 
     def sample(self, postures: FloatArray) -> FloatArray:
-        """Smallest scaled eigenvalue (k,) at postures (k, n)."""
+        """Return the smallest scaled eigenvalue (k,) at postures (k, n)."""
         n = postures.shape[1]
         stacked = np.asarray(self._matrix.map(len(postures))(postures.T), dtype=np.float64)
         matrices = stacked.reshape(n, len(postures), n).transpose(1, 0, 2)
         return np.array([self._eigen(q, a)[0] for q, a in zip(postures, matrices, strict=True)])
 
     def descend(self, start: FloatArray, low: FloatArray, high: FloatArray) -> None:
-        """Go to a local minimum of the smallest eigenvalue."""
+        """Go from a posture to a local minimum of the smallest eigenvalue."""
         minimize(
             self._value_and_gradient,
             start,
@@ -113,12 +125,14 @@ class _Search:
         )
 
     def standard_deviation(self, covariance: FloatArray) -> float:
-        """Of the eigenvalue at the worst posture, from the covariance (b, b) of the parameters."""
+        """Return that of the eigenvalue at the worst posture, from the covariance (b, b) of the parameters."""
         a = np.asarray(self._matrix(self.worst), dtype=np.float64)
         value, v, scale = _smallest(a)
         u = v * scale
         weights = np.zeros_like(a)
         np.fill_diagonal(weights, np.sign(np.diag(a)) * value * (v * scale) ** 2)
+        # First order: the change of λ is ⟨u uᵀ - diag(…), ∂A/∂χ⟩, since the scaling by the diagonal changes with A as
+        # well.
         direction = np.outer(u, u) - weights
         parts = np.asarray(self._parts(self.worst), dtype=np.float64)
         gradient = direction.reshape(-1) @ parts
@@ -133,14 +147,14 @@ class _Search:
 
     def _eigen(self, q: FloatArray, a: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         self.evaluations += 1
-        found = _smallest(a)
-        if found[0] < self.smallest:
-            self.smallest, self.worst = found[0], np.array(q, dtype=np.float64)
-        return found
+        eigenpair = _smallest(a)
+        if eigenpair[0] < self.smallest:
+            self.smallest, self.worst = eigenpair[0], np.array(q, dtype=np.float64)
+        return eigenpair
 
 
 def _smallest(a: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-    """Smallest eigenvalue of A (n, n) scaled to a unit diagonal, its vector (n,), and the scale (n,).
+    """Return the smallest eigenvalue of A (n, n) scaled to a unit diagonal, its vector (n,), and the scale (n,).
 
     A diagonal entry that is not positive is scaled to minus one: the matrix is indefinite there.
     """
@@ -151,13 +165,14 @@ def _smallest(a: FloatArray) -> tuple[float, FloatArray, FloatArray]:
 
 
 def _functions(model: Model, values: FloatArray) -> tuple[ca.Function, ca.Function, ca.Function]:
-    """q -> A(q); (q, u, w) -> gradient of uᵀAu - wᵀ|diag A|; q -> ∂A/∂χ (n², b)."""
+    """Build the functions q -> A(q); (q, u, w) -> gradient of uᵀAu - wᵀ|diag A|; q -> ∂A/∂χ (n², b)."""
     signals = model.signals
     n = model.robot.n
     parts = []
     for column in model.kept:
         inertial = effect_by_id(column.effect).is_inertia
         parts.append(ca.jacobian(column.torque, signals.ddq) if inertial else ca.SX(n, n))
+    # Torque is linear in the accelerations, so its Jacobian with respect to them is the column's share of A(q).
     matrix = ca.SX(n, n)
     for each, value in zip(parts, values, strict=True):
         matrix += float(value) * each
@@ -177,13 +192,13 @@ def _judged(robot: Robot, posture: FloatArray, value: float, deviation: float) -
     where = "at " + ", ".join(f"{name} = {x:.2f}" for name, x in zip(robot.joint_names, posture, strict=True))
     units = "rad" if all(joint.kind == "revolute" for joint in robot.joints) else "rad or m"
     size = f"{value:.3g} ± {NORMAL_95 * deviation:.2g}"
-    found = f"its smallest eigenvalue, scaled to a unit diagonal, is {size} {where} ({units})"
+    description = f"its smallest eigenvalue, scaled to a unit diagonal, is {size} {where} ({units})"
     if value <= 0:
         doubt = (
             " Within its uncertainty it may be positive: a feasible estimate that predicts as well may exist."
             if value + NORMAL_95 * deviation > 0
             else ""
         )
-        return Judged("fail", f"The inertia matrix is not positive definite in every posture: {found}.{doubt}")
+        return Judged("fail", f"The inertia matrix is not positive definite in every posture: {description}.{doubt}")
     doubt = " The parameters' uncertainty includes zero." if value - NORMAL_95 * deviation <= 0 else ""
-    return Judged("pass", f"The inertia matrix is positive definite; in the worst posture found {found}.{doubt}")
+    return Judged("pass", f"The inertia matrix is positive definite; in the worst posture found {description}.{doubt}")

@@ -1,4 +1,4 @@
-"""The ways to identify that there are: model, strategy, estimator, prior."""
+"""A method of identification (equation type, strategy, estimator, prior), and all methods that are available."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ class Method:
 
     @property
     def words(self) -> str:
-        """The method as a person names it."""
+        """Name of the method for people."""
         strategy = self.steps if self.strategy == "sequential" else self.strategy
         names = f"{self.model}, {strategy}, {words_of(self.estimator)}".replace("_", " ")
         return names if self.prior is None else f"{names}, prior from the {PRIORS.one(self.prior).called}"
 
     def of(self, choices: IdentificationChoices) -> IdentificationChoices:
-        """These choices with this method."""
+        """Return these choices with this method."""
         return replace(
             choices,
             model=self.model,
@@ -53,24 +53,33 @@ class Method:
 
 
 def method_of(choices: IdentificationChoices) -> Method:
-    """The method that an identification chose."""
+    """Return the method of an identification's choices."""
     steps = choices.steps if choices.strategy == "sequential" else "link_by_link"
     return Method(choices.model, choices.strategy, choices.estimator, choices.prior, steps)
 
 
 def available_methods(choices: IdentificationChoices) -> tuple[Method, ...]:
-    """Each model with every strategy, and each estimator, with and without a prior, on the choices' own model.
+    """List each equation type with every strategy, and each estimator with and without a prior.
 
-    The method of the choices comes first.
+    Parameters
+    ----------
+    choices : IdentificationChoices
+        Their own method comes first; estimators and priors go with their own equation type.
+
+    Returns
+    -------
+    tuple of Method
     """
     own = method_of(choices)
-    found = [own]
-    found += [
+    methods = [own]
+    methods += [
         Method(model, strategy, steps=steps)
         for model in MODELS.names
         for strategy in STRATEGIES.names
         for steps in (get_args(StepsName) if strategy == "sequential" else get_args(StepsName)[:1])
     ]
-    found += [Method(choices.model, "global", estimator) for estimator in ESTIMATORS.names]
-    found += [Method(choices.model, "global", one.name, prior) for one in ESTIMATORS for prior in one.priors]
-    return tuple(dict.fromkeys(found))
+    methods += [Method(choices.model, "global", estimator) for estimator in ESTIMATORS.names]
+    methods += [
+        Method(choices.model, "global", estimator.name, prior) for estimator in ESTIMATORS for prior in estimator.priors
+    ]
+    return tuple(dict.fromkeys(methods))

@@ -1,4 +1,4 @@
-"""Different methods on the same data, to compare their results (§12.7)."""
+"""Compare different methods of identification on the same data (§12.7)."""
 
 from __future__ import annotations
 
@@ -88,19 +88,25 @@ def validate_methods(
     methods: Sequence[Method] | None = None,
     progress: Progress = silent,
 ) -> MethodsValidation:
-    """Identify the same effects from the same recordings by different methods, and hold the results together.
+    """Identify the same effects from the same recordings by different methods, and compare the results.
 
-    The recordings are reduced once for every model; strategies and estimators are small algebra on that, unless they go
-    through the samples themselves.
+    The recordings are reduced once for every equation type; strategies and estimators are small algebra on that, unless
+    they go through the samples themselves.
 
     Parameters
     ----------
+    identification : Identification
     recordings : sequence of Recording
         What the model was identified from.
     validation : sequence of Recording
         Data that no parameter sees.
     methods : sequence of Method, optional
         All that are available where none are given.
+    progress : Progress
+
+    Returns
+    -------
+    MethodsValidation
 
     Raises
     ------
@@ -111,10 +117,13 @@ def validate_methods(
         raise DynidentError("give the measurements that the model was identified from", pointer="/measurement_ids")
     chosen = tuple(dict.fromkeys(methods)) if methods else available_methods(identification.choices)
     for method in chosen:
+        # Raise for an impossible method now, not after minutes of work on those before it.
         method.of(identification.choices)
     model, reference = identification.model, identification.estimate.reference
     preprocessing = identification.preprocessing
-    tried = torque_of(model, validation, preprocessing, reference, part(progress, 0.0, 0.1)) if validation else None
+    held_out_data = (
+        torque_of(model, validation, preprocessing, reference, part(progress, 0.0, 0.1)) if validation else None
+    )
     data: dict[tuple[ModelName, bool], Data | DynidentError] = {}
     results: list[MethodResult] = []
     for number, method in enumerate(chosen):
@@ -125,16 +134,16 @@ def validate_methods(
         kind = (method.model, method.model == "base_wrench" and method.estimator == "ols")
         if kind not in data:
             data[kind] = _data_of(identification, choices, recordings, share)
-        results.append(_result(identification, choices, method, data[kind], tried, results))
-    judged = judge_methods(identification, results, tried is not None)
+        results.append(_result(identification, choices, method, data[kind], held_out_data, results))
+    judged = judge_methods(identification, results, held_out_data is not None)
     names = tuple(column.name for column in model.kept)
-    return MethodsValidation(names, tuple(results), tried is not None, judged)
+    return MethodsValidation(names, tuple(results), held_out_data is not None, judged)
 
 
 def _data_of(
     identification: Identification, choices: IdentificationChoices, recordings: Sequence[Recording], progress: Progress
 ) -> Data | DynidentError:
-    """The recordings reduced to the rows of a model, or why they cannot be."""
+    """Return the recordings reduced to the rows of an equation type, or why they cannot be."""
     try:
         return reduced(
             identification.model,
@@ -153,47 +162,48 @@ def _result(
     choices: IdentificationChoices,
     method: Method,
     data: Data | DynidentError,
-    tried: Data | None,
+    held_out_data: Data | None,
     before: Sequence[MethodResult],
 ) -> MethodResult:
-    began = perf_counter()
+    start = perf_counter()
     try:
         if isinstance(data, DynidentError):
             raise data
-        found = fit(choices, Problem.of(identification.model, choices, data))
+        estimate = fit(choices, Problem.of(identification.model, choices, data))
     except DynidentError as error:
         return MethodResult(
-            method, None, None, None, None, None, None, None, perf_counter() - began, (), problem=error.detail
+            method, None, None, None, None, None, None, None, perf_counter() - start, (), problem=error.detail
         )
-    values, deviations = found.solution.values, found.statistics.standard_deviations
-    seconds = perf_counter() - began
-    shown = data.torque if tried is None else tried.torque
-    solved = ((one.values, one.standard_deviations) for one in before)
+    values, deviations = estimate.solution.values, estimate.statistics.standard_deviations
+    seconds = perf_counter() - start
+    torque_rows = data.torque if held_out_data is None else held_out_data.torque
+    solved = ((result.values, result.standard_deviations) for result in before)
+    # The first method that has a result is the reference. For itself all distances are zero.
     others, doubts = next(((v, d) for v, d in solved if v is not None and d is not None), (values, deviations))
     return MethodResult(
         method=method,
         values=values,
         standard_deviations=deviations,
         fit=errors(data.torque, values),
-        held_out=errors(shown, values),
+        held_out=errors(torque_rows, values),
         distance=_distance(values - others, np.hypot(deviations, doubts)),
-        torque_distance=share_of_measured(shown, values - others),
-        torque_deviation=_torque_deviation(shown, found.statistics.covariance),
+        torque_distance=share_of_measured(torque_rows, values - others),
+        torque_deviation=_torque_deviation(torque_rows, estimate.statistics.covariance),
         seconds=seconds,
-        warnings=found.warnings,
+        warnings=estimate.warnings,
         fit_moving=moving_errors(data.torque, values),
-        held_out_moving=moving_errors(shown, values),
+        held_out_moving=moving_errors(torque_rows, values),
     )
 
 
 def _distance(gap: FloatArray, deviations: FloatArray) -> FloatArray:
-    """(b,): a difference of parameters in units of its standard deviations; 0 where there is none."""
+    """Return (b,): a difference of parameters in units of its standard deviations; 0 where there is none."""
     size = np.abs(gap)
     return np.asarray(np.where(size > 0, size / np.maximum(deviations, np.finfo(float).tiny), 0.0))
 
 
 def _torque_deviation(reduction: Reduction, covariance: FloatArray) -> float:
-    """√tr(W C Wᵀ) / ||Y||: what the torque is uncertain by, root mean square, where parameters have this covariance."""
+    """Return √tr(W C Wᵀ) / ||Y||: the relative uncertainty of the torque for parameters of this covariance."""
     squares = measured = 0.0
     for equation in reduction.equations:
         k = len(equation.columns)
@@ -204,29 +214,43 @@ def _torque_deviation(reduction: Reduction, covariance: FloatArray) -> float:
 
 
 def judge_methods(identification: Identification, results: Sequence[MethodResult], held_out: bool) -> Judged:
-    """Do they agree? Not where one predicts worse than its uncertainty explains, or has other parameters."""
-    solved = [one for one in results if one.held_out is not None]
+    """Judge whether the methods agree.
+
+    They do not where one predicts worse than its uncertainty explains, or has other parameters.
+
+    Parameters
+    ----------
+    identification : Identification
+    results : sequence of MethodResult
+    held_out : bool
+        Whether the errors are those of data that no parameter saw.
+
+    Returns
+    -------
+    Judged
+    """
+    solved = [result for result in results if result.held_out is not None]
     if len(solved) < 2:
-        reasons = "; ".join(f"{one.method.words}: {one.problem}" for one in results if one.problem)
+        reasons = "; ".join(f"{result.method.words}: {result.problem}" for result in results if result.problem)
         return Judged("not_evaluated", "Fewer than two methods gave a result" + (f" ({reasons})." if reasons else "."))
     on = "on data that no parameter saw" if held_out else "on the identification's own data"
-    totals = [one.held_out.relative_total for one in solved if one.held_out is not None]
+    totals = [result.held_out.relative_total for result in solved if result.held_out is not None]
     best = min(totals)
     worse = [
-        f"{one.method.words} ({total:.1%})"
-        for one, total in zip(solved, totals, strict=True)
-        if total > _AS_GOOD * best and not _explained(one) and _counts(identification, one)
+        f"{result.method.words} ({total:.1%})"
+        for result, total in zip(solved, totals, strict=True)
+        if total > _AS_GOOD * best and not _explained(result) and _counts(identification, result)
     ]
     others = [
-        f"{one.method.words} ({total:.1%})"
-        for one, total in zip(solved, totals, strict=True)
-        if total > _AS_GOOD * best and not _explained(one) and not _counts(identification, one)
+        f"{result.method.words} ({total:.1%})"
+        for result, total in zip(solved, totals, strict=True)
+        if total > _AS_GOOD * best and not _explained(result) and not _counts(identification, result)
     ]
     far = [
-        f"{one.method.words} ({one.distance_rms:.1f}, most in {identification.model.kept[one.farthest].name})"
-        for one in solved
-        if one.distance_rms is not None and one.farthest is not None and one.distance_rms > _FAR
-        if _counts(identification, one)
+        f"{result.method.words} ({result.distance_rms:.1f}, most in {identification.model.kept[result.farthest].name})"
+        for result in solved
+        if result.distance_rms is not None and result.farthest is not None and result.distance_rms > _FAR
+        if _counts(identification, result)
     ]
     range_text = f"{len(solved)} methods predict {on} with errors from {best:.1%} to {max(totals):.1%}"
     aside = ""
@@ -238,20 +262,22 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
             f"{range_text}, and their parameters agree within {_FAR:.0f} standard deviations (root mean square)."
             f"{aside}",
         )
-    told = []
+    complaints = []
     if worse:
-        told.append(f"worse than the best by more than {_AS_GOOD - 1:.0%}: {', '.join(worse)}")
+        complaints.append(f"worse than the best by more than {_AS_GOOD - 1:.0%}: {', '.join(worse)}")
     if far:
-        told.append(f"parameters off by more than {_FAR:.0f} standard deviations (root mean square): {', '.join(far)}")
-    return Judged("fail", f"{range_text}; {'; '.join(told)}.")
+        complaints.append(
+            f"parameters off by more than {_FAR:.0f} standard deviations (root mean square): {', '.join(far)}"
+        )
+    return Judged("fail", f"{range_text}; {'; '.join(complaints)}.")
 
 
-def _counts(identification: Identification, one: MethodResult) -> bool:
-    """Whether a method is of torques, or of the model's own equations: others do not minimise torque errors (§12.6)."""
-    return one.method.model in ("dynamic", "filtered", identification.choices.model)
+def _counts(identification: Identification, result: MethodResult) -> bool:
+    """Return whether a method minimises torque errors (§12.6), or has the model's own equation type."""
+    return result.method.model in ("dynamic", "filtered", identification.choices.model)
 
 
-def _explained(one: MethodResult) -> bool:
-    """Whether a method's torque differs by no more than its own uncertainty says: it tells less, but nothing else."""
-    distance, deviation = one.torque_distance, one.torque_deviation
+def _explained(result: MethodResult) -> bool:
+    """Return whether a method's torque differs by no more than its own uncertainty allows."""
+    distance, deviation = result.torque_distance, result.torque_deviation
     return distance is not None and deviation is not None and distance <= _SURE * deviation

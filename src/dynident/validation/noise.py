@@ -1,4 +1,4 @@
-"""The noise of a recording's sensors, from what no motion of a robot explains."""
+"""Estimate the noise of a recording's sensors from high differences, which no motion of a robot explains."""
 
 from __future__ import annotations
 
@@ -26,7 +26,15 @@ class SensorNoise:
 
 
 def sensor_noise(recording: Recording) -> SensorNoise:
-    """White noise of a recording, from high differences of its unfiltered signals inside the windows.
+    """Estimate the white noise of a recording from high differences of its unfiltered signals inside the windows.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    SensorNoise
 
     Raises
     ------
@@ -38,6 +46,7 @@ def sensor_noise(recording: Recording) -> SensorNoise:
     torque: list[FloatArray] = []
     for block in filtered_blocks(recording, unfiltered):
         used = np.flatnonzero(block.used)
+        # Differences must not reach across a gap between used samples: the jump there is no noise.
         for run in np.split(used, np.flatnonzero(np.diff(used) > 1) + 1):
             if len(run) > 2 * _DIFFERENCES:
                 position.append(np.diff(block.q[run], _DIFFERENCES, axis=0))

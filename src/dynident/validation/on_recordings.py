@@ -48,12 +48,19 @@ def validate_direct(
     limit: float = LARGEST_ERROR,
     progress: Progress = silent,
 ) -> TorqueValidation:
-    """Direct validation: the error vector on the trajectory that the model was identified from.
+    """Compute the torque error on the recordings that the model was identified from.
 
     Parameters
     ----------
+    identification : Identification
+    recordings : sequence of Recording
     limit : float
         Largest relative error over all joints that passes.
+    progress : Progress
+
+    Returns
+    -------
+    TorqueValidation
 
     Raises
     ------
@@ -70,30 +77,42 @@ def validate_cross(
     limit: float = LARGEST_ERROR,
     progress: Progress = silent,
 ) -> TorqueValidation:
-    """Cross validation: the error on trajectories that were not used for the identification.
+    """Compute the torque error on recordings that were not used for the identification.
 
-    It also fails where the error is much larger than that of the fit: then the data did not determine the model.
+    The validation also fails where the error is much larger than that of the fit: then the data did not determine the
+    model.
 
     Parameters
     ----------
+    identification : Identification
+    recordings : sequence of Recording
     limit : float
         Largest relative error over all joints that passes.
+    progress : Progress
+
+    Returns
+    -------
+    TorqueValidation
 
     Raises
     ------
     DynidentError
         For a limit that is not above zero, or no recording at all.
     """
-    found = _validated(identification, recordings, limit, "data that no parameter saw", progress)
-    error, own = found.total.relative_total, identification.fit.relative_total
-    if found.judged.verdict != "pass" or error <= OVERFIT * own or not _clearly_worse(identification, found.total):
-        return found
+    validation = _validated(identification, recordings, limit, "data that no parameter saw", progress)
+    error, own = validation.total.relative_total, identification.fit.relative_total
+    if (
+        validation.judged.verdict != "pass"
+        or error <= OVERFIT * own
+        or not _clearly_worse(identification, validation.total)
+    ):
+        return validation
     judged = Judged(
         "fail",
         f"The error is {error:.1%} on data that no parameter saw, against {own:.1%} in the fit: the identification's "
         "motion does not determine the model, or this motion shows what that one did not.",
     )
-    return replace(found, judged=judged)
+    return replace(validation, judged=judged)
 
 
 def check_limit(limit: float) -> None:
@@ -106,8 +125,8 @@ def _validated(
     identification: Identification, recordings: Sequence[Recording], limit: float, on_what: str, progress: Progress
 ) -> TorqueValidation:
     each = _tried(identification, recordings, limit, progress)
-    total = _together([one.errors for one in each])
-    moving = _together([one.moving for one in each])
+    total = _together([recording_errors.errors for recording_errors in each])
+    moving = _together([recording_errors.moving for recording_errors in each])
     return TorqueValidation(each, total, moving, limit, _judged(identification, total, moving, limit, on_what))
 
 
@@ -117,19 +136,21 @@ def _tried(
     check_limit(limit)
     if not recordings:
         raise DynidentError("give at least one measurement to validate on", pointer="/measurement_ids")
-    found = []
+    recording_errors = []
     for index, recording in enumerate(recordings):
         share = part(progress, index / len(recordings), (index + 1) / len(recordings))
         data = torque_of(
             identification.model, [recording], identification.preprocessing, identification.estimate.reference, share
         )
         values = identification.values
-        found.append(RecordingErrors(recording.name, errors(data.torque, values), moving_errors(data.torque, values)))
-    return tuple(found)
+        recording_errors.append(
+            RecordingErrors(recording.name, errors(data.torque, values), moving_errors(data.torque, values))
+        )
+    return tuple(recording_errors)
 
 
 def _together(each: Sequence[Errors]) -> Errors:
-    return Errors(*(np.sum([getattr(one, name) for one in each], axis=0) for name in _SUMMED))
+    return Errors(*(np.sum([getattr(summand, name) for summand in each], axis=0) for name in _SUMMED))
 
 
 _SUMMED = ("squares", "measured", "counts")
@@ -156,6 +177,6 @@ def _judged(identification: Identification, total: Errors, moving: Errors, limit
 
 
 def _clearly_worse(identification: Identification, total: Errors) -> bool:
-    """Whether the residual itself grew, not only its share in a smaller torque."""
+    """Return whether the residual itself grew, not only its share in a smaller torque."""
     own = identification.fit
     return bool(np.any(total.rms > OVERFIT * own.rms))

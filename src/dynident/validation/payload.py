@@ -1,4 +1,4 @@
-"""Without and with a known load: are the load's parameters found (§12.7)?"""
+"""Validate a model with a known load: do runs without and with it give the load's mass (§12.7)?"""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class PayloadValidation:
 def validate_payload(
     identification: Identification, unloaded: Sequence[Recording], loaded: Recording, mass: float | None = None
 ) -> PayloadValidation:
-    """Weigh a known load, and compare.
+    """Weigh a known load from runs without and with it, and compare with its stated mass.
 
     Parameters
     ----------
@@ -45,8 +45,13 @@ def validate_payload(
     unloaded : sequence of Recording
         Runs without the load, such as those of the identification.
     loaded : Recording
+        The run with the load.
     mass : float, optional
-        What the load weighs, in kg, where the recording's metadata do not say.
+        Mass of the load in kg, where the recording's metadata do not state it.
+
+    Returns
+    -------
+    PayloadValidation
 
     Raises
     ------
@@ -61,6 +66,7 @@ def validate_payload(
     weighed = payload_from_pair(robot, unloaded, loaded, effects=effects, preprocessing=filters)
     known = replace(loaded, payload={**(loaded.payload or {}), "mass": stated})
     try:
+        # The gains explain a wrong mass, but the comparison does not need them.
         gains = identify_gains(robot, unloaded, [known], effects=effects, preprocessing=filters)
     except DynidentError:
         gains = None

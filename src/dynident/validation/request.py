@@ -1,4 +1,4 @@
-"""What is asked of a validation: each kind with the fields that it alone takes."""
+"""Requests of validations: each kind with the fields that it alone takes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Tried:
-    """What a model is tried on; what is in `others` depends on the kind: data of the fit, or runs without a load."""
+    """What a validation works on; `others` depends on the kind: data of the fit, or runs without a load."""
 
     model: Identification
     recordings: Sequence[Recording]
@@ -57,7 +57,7 @@ class Trial(Kind):
     takes_recordings: ClassVar[bool] = True
 
     def judge(self, tried: Tried) -> TrialResult:
-        """Make it: the result of its kind, or of several recordings a list of such."""
+        """Make the validation: the result of its kind, or a list of such for several recordings."""
         raise NotImplementedError
 
 
@@ -69,7 +69,7 @@ class UpToALimit(Trial):
 
     @property
     def largest(self) -> float:
-        """The limit, or the usual one where none is given."""
+        """The limit, or the default where none is given."""
         from dynident.validation import LARGEST_ERROR
 
         return self.limit or LARGEST_ERROR
@@ -84,7 +84,7 @@ class Direct(UpToALimit):
     takes_recordings = False
 
     def judge(self, tried: Tried) -> TorqueValidation:
-        """Make it."""
+        """Make the validation."""
         from dynident.validation import validate_direct
 
         return validate_direct(tried.model, tried.recordings, self.largest, tried.progress)
@@ -98,7 +98,7 @@ class Cross(UpToALimit):
     words = "The torque error on data that no parameter saw."
 
     def judge(self, tried: Tried) -> TorqueValidation:
-        """Make it."""
+        """Make the validation."""
         from dynident.validation import validate_cross
 
         return validate_cross(tried.model, tried.recordings, self.largest, tried.progress)
@@ -117,7 +117,7 @@ class InertiaMatrix(Trial):
     seed: int = said("Of the postures that are drawn", default=0, at_least=0, at_most=LARGEST_SEED)
 
     def judge(self, tried: Tried) -> InertiaMatrixValidation:
-        """Make it."""
+        """Make the validation."""
         from dynident.validation import validate_inertia_matrix
 
         return validate_inertia_matrix(tried.model, seed=self.seed, progress=tried.progress)
@@ -136,14 +136,14 @@ class Payload(Trial):
     )
 
     def judge(self, tried: Tried) -> list[PayloadValidation]:
-        """Make it on each recording with the load; `others` are those without."""
+        """Make the validation on each recording with the load; `others` are those without."""
         from dynident.validation import validate_payload
 
-        found = []
-        for index, one in enumerate(tried.recordings):
+        validations = []
+        for index, loaded in enumerate(tried.recordings):
             tried.progress(index / len(tried.recordings), "weighing the load")
-            found.append(validate_payload(tried.model, tried.others, one, self.mass))
-        return found
+            validations.append(validate_payload(tried.model, tried.others, loaded, self.mass))
+        return validations
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class Methods(Trial):
     )
 
     def judge(self, tried: Tried) -> MethodsValidation:
-        """Make it: `others` are the data of the fit, `recordings` those that the model has not seen."""
+        """Make the validation: `others` are the data of the fit, `recordings` are held out."""
         from dynident.validation import validate_methods
 
         return validate_methods(tried.model, tried.others, tried.recordings, self.methods, tried.progress)
@@ -174,15 +174,15 @@ class Simulation(UpToALimit):
     longest: float | None = said("Simulated at most", default=None, unit="s", at_least=0.1, at_most=300)
 
     def judge(self, tried: Tried) -> list[SimulationValidation]:
-        """Make it on each recording."""
+        """Make the validation on each recording."""
         from dynident.progress import part
         from dynident.validation import validate_simulation
         from dynident.validation.simulation import LONGEST
 
         longest, n = self.longest or LONGEST, len(tried.recordings)
         return [
-            validate_simulation(tried.model, one, self.largest, longest, part(tried.progress, k / n, (k + 1) / n))
-            for k, one in enumerate(tried.recordings)
+            validate_simulation(tried.model, recording, self.largest, longest, part(tried.progress, k / n, (k + 1) / n))
+            for k, recording in enumerate(tried.recordings)
         ]
 
 
@@ -200,7 +200,7 @@ class Filters(Trial):
     seed: int = said("Of the noise that is drawn", default=0, at_least=0, at_most=LARGEST_SEED)
 
     def judge(self, tried: Tried) -> FiltersBySimulation:
-        """Make it on the first recording."""
+        """Make the validation on the first recording."""
         from dynident.validation import filters_by_simulation
         from dynident.validation.filters import LONGEST
 
@@ -228,7 +228,7 @@ class Bootstrap(Trial):
     seed: int = said("Of the stretches of time that are drawn", default=0, at_least=0, at_most=LARGEST_SEED)
 
     def judge(self, tried: Tried) -> BootstrapValidation:
-        """Make it."""
+        """Make the validation."""
         from dynident.estimation.bootstrap import DRAWS
         from dynident.validation import validate_bootstrap
 
@@ -249,11 +249,11 @@ class _Trials:
 
     @property
     def choices(self) -> tuple[Choice, ...]:
-        """The same with their words."""
-        return tuple(Choice(one.name, one.label or one.name, one.words) for one in self.by_name.values())
+        """The names with their words."""
+        return tuple(Choice(kind.name, kind.label or kind.name, kind.words) for kind in self.by_name.values())
 
     def told(self) -> str:
-        """The names, for a line of help."""
+        """Join the names for a line of help."""
         return ", ".join(self.names)
 
 
@@ -261,20 +261,20 @@ TRIALS = _Trials()
 
 
 def _stated() -> type:
-    """A request as it is written, flat: the fields of all kinds, each with the kinds that take it in its words."""
+    """Build the flat request class: the fields of all kinds, each with the kinds that take it in its words."""
     takers: dict[str, list[str]] = {}
     firsts: dict[str, Field[Any]] = {}
     for kind in TRIALS.by_name.values():
-        for one in fields(kind):
-            takers.setdefault(one.name, []).append(kind.name)
-            firsts.setdefault(one.name, one)
-    made = [
-        (name, one.type, retold(one, f"{', '.join(takers[name])}: {said_of(one).words}"))
-        for name, one in firsts.items()
+        for field in fields(kind):
+            takers.setdefault(field.name, []).append(kind.name)
+            firsts.setdefault(field.name, field)
+    definitions = [
+        (name, field.type, retold(field, f"{', '.join(takers[name])}: {said_of(field).words}"))
+        for name, field in firsts.items()
     ]
-    found = make_dataclass("Stated", made, frozen=True)
-    found.__module__ = __name__
-    return found
+    request_class = make_dataclass("Stated", definitions, frozen=True)
+    request_class.__module__ = __name__
+    return request_class
 
 
 Stated = _stated()
@@ -282,21 +282,30 @@ Stated = _stated()
 
 
 def trial_of(kind: str, stated: Mapping[str, object]) -> Trial:
-    """The validation of a kind with what is stated of it; None counts as not stated.
+    """Build the validation of a kind from its fields; None counts as not stated.
+
+    Parameters
+    ----------
+    kind : str
+    stated : mapping of field name to value
+
+    Returns
+    -------
+    Trial
 
     Raises
     ------
     DynidentError
-        For what the kind does not take, a value out of its range, or a kind that there is not.
+        For a field that the kind does not take, a value out of its range, or a kind that there is not.
     """
     if kind not in TRIALS.by_name:
         raise DynidentError(f"there is no validation {kind!r}; choose from: {', '.join(TRIALS.names)}", pointer="/kind")
-    own = {one.name for one in fields(TRIALS.by_name[kind])}
-    given = {name: value for name, value in stated.items() if value is not None}
-    for name in given:
+    own = {field.name for field in fields(TRIALS.by_name[kind])}
+    values = {name: value for name, value in stated.items() if value is not None}
+    for name in values:
         # A seed is for all that is drawn; what draws nothing has no use for it, and it does no harm.
         if name not in own and name != "seed":
             raise DynidentError(f"{kind} takes no {name}; leave it out", pointer=f"/{name}", title="Unusable input")
-    found = replace(TRIALS.by_name[kind](), **{name: value for name, value in given.items() if name in own})
-    check_ranges(found)
-    return found
+    trial = replace(TRIALS.by_name[kind](), **{name: value for name, value in values.items() if name in own})
+    check_ranges(trial)
+    return trial

@@ -1,4 +1,4 @@
-"""The response of a simulator with the identified parameters against the recorded response (§12.7)."""
+"""Validate a model by simulation: the simulated response against the recorded one (§12.7)."""
 
 from __future__ import annotations
 
@@ -64,10 +64,17 @@ def validate_simulation(
 
     Parameters
     ----------
+    identification : Identification
+    recording : Recording
     limit : float
         Largest relative torque error over all joints that passes.
     longest : float
-        Seconds that are simulated at most, from the longest unbroken stretch of the recording.
+        Seconds that are simulated at most, from the longest unbroken segment of the recording.
+    progress : Progress
+
+    Returns
+    -------
+    SimulationValidation
 
     Raises
     ------
@@ -101,7 +108,7 @@ def validate_simulation(
 
 
 def _impossible(estimate: Estimate) -> str:
-    """Parameters that are below zero by more than chance, where nature allows no such sign, and what they are."""
+    """Name the parameters that are below zero by more than chance, where nature allows no such sign."""
     deviations = estimate.statistics.standard_deviations
     return ", ".join(
         f"{column.name} is {value:.3g} ± {NORMAL_95 * deviation:.2g} {column.unit}, below zero"
@@ -113,18 +120,20 @@ def _impossible(estimate: Estimate) -> str:
 def _torque_errors(
     identification: Identification, recording: Recording, simulated: FloatArray, measured: FloatArray, still: BoolArray
 ) -> Errors | None:
-    """Behind the parallel filter's low-pass, without the rows that it has not filled; None where none are left.
+    """Return errors behind the parallel filter's low-pass, where it is filled; None where no rows are left.
 
-    Nor does a joint count while it is `still` (m, n), where static friction holds any torque, in either robot another.
+    A joint does not count while it is `still` (m, n): static friction then holds any torque, another one in either
+    robot.
     """
     taps = low_pass(recording.sampling_rate, identification.preprocessing.torque_cutoff)
     if len(measured) < 2 * len(taps):
         return None
     smooth = [fftconvolve(tau, taps[:, None], mode="valid", axes=0) for tau in (measured, simulated)]
+    # A filtered row is used only where the joint moves over the whole length of the filter.
     touched = fftconvolve(still.astype(np.float64), np.ones((len(taps), 1)), mode="valid", axes=0) > 0.5
     recorded = recording.has_torque & identification.model.robot.has_torque
     counted = ~touched & recorded
-    rest, known = (np.where(counted, one, 0.0) for one in (smooth[0] - smooth[1], smooth[0]))
+    rest, known = (np.where(counted, signal, 0.0) for signal in (smooth[0] - smooth[1], smooth[0]))
     return Errors((rest**2).sum(axis=0), (known**2).sum(axis=0), counted.sum(axis=0).astype(np.float64))
 
 
@@ -151,7 +160,7 @@ def _judged(
         return Judged("fail", f"{text}, and above {LARGEST_OF_JOINT:.0%} on {', '.join(useless)}.")
     lost = [f"{name} ({share[j]:.1%})" for j, name in enumerate(names) if share[j] > _OFF]
     if lost:
-        left = f"but the simulated robot leaves the recorded motion by more than {_OFF:.0%} of the range on"
-        return Judged("fail", f"{text}, {left} {', '.join(lost)}.")
+        complaint = f"but the simulated robot leaves the recorded motion by more than {_OFF:.0%} of the range on"
+        return Judged("fail", f"{text}, {complaint} {', '.join(lost)}.")
     followed = f"and it follows the recorded motion within {share.max():.2%} of every joint's range"
     return Judged("pass", f"{text}, within the limit of {limit:.1%}, {followed}.")

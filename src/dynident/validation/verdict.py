@@ -1,4 +1,4 @@
-"""How a validation ends, and what it holds a torque error against."""
+"""How a validation ends: verdict and reason."""
 
 from __future__ import annotations
 
@@ -11,14 +11,24 @@ Verdict = Literal["pass", "fail", "not_evaluated"]
 
 @dataclass(frozen=True)
 class Judged:
-    """The end of a validation: pass, fail or not evaluated, and why, in a sentence."""
+    """Verdict of a validation: pass, fail or not evaluated, and the reason in a sentence."""
 
     verdict: Verdict
     reason: str
 
 
 def together(parts: Sequence[tuple[str, Judged]]) -> Judged:
-    """One verdict of several tries, each with its name: one that fails makes all fail, one that passes is needed."""
+    """Combine the verdicts of several tries into one: one that fails makes all fail, and at least one has to pass.
+
+    Parameters
+    ----------
+    parts : sequence of (name, Judged)
+
+    Returns
+    -------
+    Judged
+        The reasons are those of the tries with the common verdict, each with its name.
+    """
     words = [judged.verdict for _, judged in parts]
     verdict: Verdict = "fail" if "fail" in words else "pass" if "pass" in words else "not_evaluated"
     if not parts:

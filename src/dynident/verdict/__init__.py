@@ -1,4 +1,4 @@
-"""What a model is fit for, what not, and what to do about it: in words."""
+"""State what a model is fit for, what not, and what to do about it."""
 
 from dynident.diagnosis.comparing.content import Common, common_content
 from dynident.verdict.evidence import Outcome

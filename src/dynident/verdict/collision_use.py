@@ -13,21 +13,23 @@ _LONGER = f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints that car
 
 
 def collision_findings(evidence: Evidence, force: DetectableForce | None) -> list[Finding]:
-    """Judge the force at the tool that shows with one false alarm an hour."""
-    found = [*error_findings(evidence), *scale_findings(evidence)]
+    """Judge the force at the tool that a threshold on the residual detects at one false alarm an hour."""
+    findings = [*error_findings(evidence), *scale_findings(evidence)]
     if force is None:
         if not evidence.comparisons:
-            return [*found, Finding("not_judged", "A threshold takes the held-out recordings.", GIVE_RECORDINGS)]
-        return [*found, Finding("not_judged", "The held-out data are too short to tell a threshold.", _LONGER)]
+            return [*findings, Finding("not_judged", "A threshold takes the held-out recordings.", GIVE_RECORDINGS)]
+        return [*findings, Finding("not_judged", "The held-out data are too short to tell a threshold.", _LONGER)]
     figures = (
         f"At {FALSE_ALARMS_AN_HOUR:g} false alarm an hour a force of {force.force:.3g} N at the tool shows ({SEEN:.0%} "
         f"of directions and postures of the held-out motion, {force.seconds:.0f} s)."
     )
     if force.force > LARGEST_FORCE:
         against = f"{figures} Above {LARGEST_FORCE:g} N, which a hand may bear, it saves the machine at best."
-        return [*found, Finding("no", against, DIAGNOSE)]
+        return [*findings, Finding("no", against, DIAGNOSE)]
     if force.force > LARGEST_FORCE_ANYWHERE:
-        found.append(Finding("limited", f"More than the {LARGEST_FORCE_ANYWHERE:g} N that a face may bear.", DIAGNOSE))
+        findings.append(
+            Finding("limited", f"More than the {LARGEST_FORCE_ANYWHERE:g} N that a face may bear.", DIAGNOSE)
+        )
     if not evidence.passed("payload"):
-        found.append(Finding("limited", "In N only if the drive gains are right, which nothing has checked.", GAINS))
-    return [*found, Finding("yes", figures)]
+        findings.append(Finding("limited", "In N only if the drive gains are right, which nothing has checked.", GAINS))
+    return [*findings, Finding("yes", figures)]

@@ -1,4 +1,4 @@
-"""What a verdict is judged by: the residual on held-out data, and how validations ended."""
+"""The data that a verdict rests on: the residual on held-out recordings, and how validations ended."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Evidence:
         outcomes: Sequence[Outcome],
     ) -> Evidence:
         """Compare the model with its held-out recordings; those that are too short for that are left out."""
-        shortened = tuple(_shorten(one) for one in validation)
+        shortened = tuple(_shorten(recording) for recording in validation)
         comparisons = []
         for recording in shortened:
             try:
@@ -78,7 +78,7 @@ class Evidence:
 
     @cached_property
     def joint_errors(self) -> FloatArray:
-        """(n,): relative error of each joint where it moves, on all rows where it never does; 0 where it has none."""
+        """Relative error (n,) of each joint where it moves, on all rows where it never does; 0 where it has no rows."""
         return joint_errors(self.held_out, self.identification.held_out_moving)
 
     @cached_property
@@ -91,59 +91,71 @@ class Evidence:
 
     @cached_property
     def phases(self) -> tuple[PhaseErrors, ...]:
-        """The errors while joints move, reverse, and start or stop: of the torque itself, without a band at rest."""
+        """Errors while joints move, reverse, and start or stop: of the torque itself, without a band at rest."""
         if not self.comparisons:
             return ()
-        whole = np.sqrt(self._mean([np.ones_like(one.moving) for one in self.comparisons], measured=True))
-        found = []
-        for name, chosen in _PHASES:
-            rows = [chosen(one) for one in self.comparisons]
-            counts = sum(one.sum(axis=0) for one in rows)
+        whole = np.sqrt(self._mean([np.ones_like(comparison.moving) for comparison in self.comparisons], measured=True))
+        phase_errors = []
+        for name, select_rows in _PHASES:
+            rows = [select_rows(comparison) for comparison in self.comparisons]
+            counts = sum(mask.sum(axis=0) for mask in rows)
+            # Every phase is held against the torque on all rows: at a reversal the torque itself may be near zero, and
+            # a share of that would say little about what the controller has to add.
             share = np.sqrt(self._mean(rows, measured=False)) / np.where(whole > 0, whole, 1.0)
-            found.append(PhaseErrors(name, np.where(counts >= FEWEST_ROWS, share, np.nan)))
-        return tuple(found)
+            phase_errors.append(PhaseErrors(name, np.where(counts >= FEWEST_ROWS, share, np.nan)))
+        return tuple(phase_errors)
 
     def failed(self, *kinds: str) -> list[Outcome]:
-        """Give the validations of these kinds that failed."""
-        return [one for one in self.outcomes if one.kind in kinds and one.judged.verdict == "fail"]
+        """List the validations of these kinds that failed."""
+        return [outcome for outcome in self.outcomes if outcome.kind in kinds and outcome.judged.verdict == "fail"]
 
     def passed(self, kind: str) -> list[Outcome]:
-        """Give the validations of a kind that passed."""
-        return [one for one in self.outcomes if one.kind == kind and one.judged.verdict == "pass"]
+        """List the validations of a kind that passed."""
+        return [outcome for outcome in self.outcomes if outcome.kind == kind and outcome.judged.verdict == "pass"]
 
     def _mean(self, rows: Sequence[BoolArray], *, measured: bool) -> FloatArray:
-        """(n,): mean square over rows (m, n) of all recordings."""
-        values = [one.measured if measured else one.raw_residual for one in self.comparisons]
+        """Return (n,): the mean square over rows (m, n) of all recordings."""
+        values = [comparison.measured if measured else comparison.raw_residual for comparison in self.comparisons]
         squares = sum((v**2 * r).sum(axis=0) for v, r in zip(values, rows, strict=True))
         return np.asarray(squares / np.maximum(sum(r.sum(axis=0) for r in rows), 1))
 
 
 def joint_errors(errors: Errors, moving: Errors | None) -> FloatArray:
-    """(n,): relative error of each joint where it moves, on all rows where it never does; 0 where it has none."""
+    """Return the relative error (n,) of each joint where it moves.
+
+    A joint that never moves has its error on all rows, one without rows has 0.
+
+    Parameters
+    ----------
+    errors : Errors
+        On all rows.
+    moving : Errors or None
+        On the rows where each joint moves.
+    """
     relative = np.where(errors.counts > 0, errors.relative, 0.0)
     if moving is None:
         return np.asarray(relative)
     return np.asarray(np.where(moving.counts > 0, moving.relative, relative))
 
 
-def _starts(one: Comparison) -> BoolArray:
-    return np.asarray((one.phase == Phase.STANDING) & one.off_halts)
+def _starts(comparison: Comparison) -> BoolArray:
+    return np.asarray((comparison.phase == Phase.STANDING) & comparison.off_halts)
 
 
 _PHASES = (
-    ("while they move", lambda one: one.moving),
-    ("at reversals", lambda one: one.phase == Phase.REVERSING),
+    ("while they move", lambda comparison: comparison.moving),
+    ("at reversals", lambda comparison: comparison.phase == Phase.REVERSING),
     ("at starts and stops", _starts),
 )
 
 
 def _shorten(recording: Recording) -> Recording:
-    """The first ten minutes of a recording, inside its windows."""
+    """Return the first ten minutes of a recording, inside its windows."""
     begin = recording.segments[0].start_time
     if recording.segments[-1].start_time + recording.segments[-1].length * recording.period <= begin + LONGEST:
         return recording
     if not recording.windows:
         return recording.with_windows(((begin, begin + LONGEST),))
     begin = min(start for start, _ in recording.windows)
-    kept = [(start, min(end, begin + LONGEST)) for start, end in recording.windows if start < begin + LONGEST]
-    return replace(recording, windows=tuple(kept))
+    windows = [(start, min(end, begin + LONGEST)) for start, end in recording.windows if start < begin + LONGEST]
+    return replace(recording, windows=tuple(windows))

@@ -1,4 +1,4 @@
-"""Is a model fit for feed forward: how much of the torque it leaves to the controller, by joint and phase."""
+"""Is a model fit for feed forward: how much torque it leaves to the controller, by joint and phase."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ _PRESLIDING = "Find what is missing, most often presliding friction: dynident di
 def error_findings(evidence: Evidence) -> list[Finding]:
     """Judge the held-out error, all rows together and each joint where it moves: every use rests on these."""
     error, each, joints = evidence.held_out.relative_total, evidence.joint_errors, evidence.joints
-    found = []
+    findings = []
+    # Written so that nan counts as too large.
     if not error <= LARGEST_ERROR:
-        found.append(Finding("no", f"The held-out error is {error:.1%}, above {LARGEST_ERROR:.0%}.", DIAGNOSE))
+        findings.append(Finding("no", f"The held-out error is {error:.1%}, above {LARGEST_ERROR:.0%}.", DIAGNOSE))
     bad = [f"{joints[j]} ({each[j]:.0%})" for j in range(len(joints)) if not each[j] <= LARGEST_OF_JOINT]
     if bad:
         sentence = f"Where they move, joints are above {LARGEST_OF_JOINT:.0%}: {', '.join(bad)}."
-        found.append(
+        findings.append(
             Finding("no", sentence, f"Find what is missing on {bad[0].split(' (')[0]}: dynident diagnose MODEL RUN.")
         )
     if evidence.never_moving:
         names = ", ".join(evidence.never_moving)
         sentence = f"Nothing is told of {names}, which never moves in the held-out data."
-        found.append(Finding("limited", sentence, f"Hold out a motion of all joints: {names} stands."))
-    return found
+        findings.append(Finding("limited", sentence, f"Hold out a motion of all joints: {names} stands."))
+    return findings
 
 
 def feed_forward_findings(evidence: Evidence) -> list[Finding]:
@@ -35,14 +36,15 @@ def feed_forward_findings(evidence: Evidence) -> list[Finding]:
     error, each, joints = evidence.held_out.relative_total, evidence.joint_errors, evidence.joints
     worst = int(np.argmax(each))
     figures = [f"moving {each[worst]:.0%} ({joints[worst]})"]
-    found = error_findings(evidence)
+    findings = error_findings(evidence)
     notable = [
         f"{joints[j]} {each[j]:.0%}" for j in range(len(joints)) if NOTABLE_OF_JOINT < each[j] <= LARGEST_OF_JOINT
     ]
     if notable:
         sentence = f"Much is left to the controller while they move: {', '.join(notable)}."
-        found.append(Finding("limited", sentence, DIAGNOSE))
+        findings.append(Finding("limited", sentence, DIAGNOSE))
     remembers = bool(evidence.identification.model.signals.memory_signals)
+    # The first phase, moving, is judged by the joints' errors above, on all rows of the held-out data.
     for phase in evidence.phases[1:]:
         if np.isnan(phase.share).all():
             continue
@@ -53,9 +55,9 @@ def feed_forward_findings(evidence: Evidence) -> list[Finding]:
             continue
         state: State = "no" if share > LARGEST_OF_JOINT else "limited"
         sentence = f"{phase.name.capitalize()} {joints[joint]} is off by {share:.0%} of its torque."
-        found.append(Finding(state, sentence, DIAGNOSE if remembers else _PRESLIDING))
+        findings.append(Finding(state, sentence, DIAGNOSE if remembers else _PRESLIDING))
     if not evidence.phases:
         sentence = "What is left where joints reverse and start takes the held-out recordings."
-        found.append(Finding("limited", sentence, GIVE_RECORDINGS))
+        findings.append(Finding("limited", sentence, GIVE_RECORDINGS))
     good = f"The held-out error is {error:.1%}; the worst joint {', '.join(figures)}."
-    return [*found, Finding("yes", good)]
+    return [*findings, Finding("yes", good)]

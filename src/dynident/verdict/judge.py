@@ -49,9 +49,9 @@ class ModelVerdict:
         """The verdict in a sentence."""
         if self.stop is not None:
             return f"Stop: {self.stop.cause}"
-        parts = {words: [one.words for one in self.uses if one.state == state] for state, words in _STATES.items()}
-        told = "; ".join(f"{words} {', '.join(names)}" for words, names in parts.items() if names)
-        return f"{told[:1].upper()}{told[1:]}."
+        parts = {words: [use.words for use in self.uses if use.state == state] for state, words in _STATES.items()}
+        text = "; ".join(f"{words} {', '.join(names)}" for words, names in parts.items() if names)
+        return f"{text[:1].upper()}{text[1:]}."
 
     def __repr__(self) -> str:
         return "\n".join([f"ModelVerdict: {self.summary}", *(f"  {line}" for line in self._lines())])
@@ -60,10 +60,10 @@ class ModelVerdict:
         return block(paragraph(self.summary, strong=True), listed(self._lines()))
 
     def _lines(self) -> list[str]:
-        """What it is fit for and why, unless it is not to be used at all; then what to do about the error."""
+        """List the uses with their reasons, unless the model is not to be used at all, and the next steps."""
         uses = () if self.stop is not None else self.uses
-        told = [f"{one.mark} {one.words}: {one.reason} → {one.next_step}" for one in uses]
-        return [*told, *(f"→ {step}" for step in self.next_steps)]
+        lines = [f"{use.mark} {use.words}: {use.reason} → {use.next_step}" for use in uses]
+        return [*lines, *(f"→ {step}" for step in self.next_steps)]
 
 
 _STATES: Mapping[State, str] = {
@@ -82,24 +82,30 @@ def verdict(
     checks: Mapping[str, Sequence[Check]] | None = None,
     outcomes: Sequence[Outcome] = (),
 ) -> ModelVerdict:
-    """Say what a model is fit for.
+    """Judge what a model is fit for.
 
     Parameters
     ----------
+    identification : Identification
+        The model.
     recordings, validation : sequence of Recording
-        What the model was identified from, and the held-out data; without them neither their content nor the cause of
-        a gross mistake is looked for, and uses that need the residual in time are not judged.
+        What the model was identified from, and the held-out data. Without them neither overlaps between the two nor the
+        cause of a gross mistake are looked for, and uses that need the residual in time are not judged.
     checks : mapping of a recording's name to its checks, optional
-        What was found when they were read. Where that says that size, sign or gravity are wrong, the model is fit for
-        nothing, however small its errors are: a wrong scale is fitted as well as the right one.
+        What the checks found when the recordings were read. Where they say that size, sign or gravity are wrong, the
+        model is fit for nothing, however small its errors are: a wrong scale is fitted as well as the right one.
     outcomes : sequence of Outcome
         How validations of this model ended: they revise the verdict of their use.
+
+    Returns
+    -------
+    ModelVerdict
     """
     common = common_content(recordings, validation)
     # What is looked for in the columns of a stopped model shows in motion alone.
     at_rest = identification.model.is_at_rest
     stop = None if at_rest else stop_of(identification, recordings, validation, common)
-    reservations = [Finding("limited", str(one), _ANOTHER) for one in common if one.kind == "repeated"]
+    reservations = [Finding("limited", str(overlap), _ANOTHER) for overlap in common if overlap.kind == "repeated"]
     if identification.model.robot.joints_without_torque:
         silent = ", ".join(identification.model.robot.joints_without_torque)
         sentence = f"Not of {silent}, whose torque was not recorded."
@@ -115,11 +121,13 @@ def verdict(
         )
         uses = tuple(use_of(name, [finding], "") for name in USES)
     else:
+        # Each use has its own findings. Failed validations and reservations count for all of them, and come first,
+        # since the first of the gravest findings gives the next step.
         evidence = Evidence.of(identification, held_out, validation, outcomes)
         robot = identification.model.robot
         drift = drift_of(evidence)
         force, mass = detectable_force(robot, evidence.comparisons), detectable_mass(robot, evidence.comparisons)
-        found: dict[UseName, list[Finding]] = {
+        findings_by_use: dict[UseName, list[Finding]] = {
             "simulation": [*error_findings(evidence), *simulation_findings(evidence, drift), *unit_findings(evidence)],
             "feed_forward": [*feed_forward_findings(evidence), *unit_findings(evidence)],
             "collision_detection": collision_findings(evidence, force),
@@ -127,7 +135,7 @@ def verdict(
         }
         uses = tuple(
             use_of(name, [*_revised(evidence, name), *reservations, *own], _WHEN_GOOD[name])
-            for name, own in found.items()
+            for name, own in findings_by_use.items()
         )
     return ModelVerdict(
         uses,
@@ -159,29 +167,31 @@ _REVISES: Mapping[UseName, tuple[str, ...]] = {
 
 
 def _revised(evidence: Evidence, name: UseName) -> list[Finding]:
-    """What validations found that failed."""
+    """List a finding for each failed validation that speaks of this use."""
     return [
         Finding(
             "no",
-            f"The validation {one.kind.replace('_', ' ')} failed: {one.judged.reason}",
+            f"The validation {outcome.kind.replace('_', ' ')} failed: {outcome.judged.reason}",
             DIAGNOSE,
         )
-        for one in evidence.failed(*_REVISES[name])
+        for outcome in evidence.failed(*_REVISES[name])
     ]
 
 
 def _against_all(
     identification: Identification, stop: Stop | None, common: Sequence[Common], checks: Mapping[str, Sequence[Check]]
 ) -> Finding | None:
-    """What speaks against every use, or leaves nothing to judge by; None where nothing does."""
+    """Return what speaks against every use, or leaves nothing to judge by; None where nothing does."""
     if identification.model.is_at_rest:
         sentence = "Poses at rest tell nothing of motion."
         return Finding("no", sentence, "Record a designed motion: dynident design ROBOT.")
-    copied = [one for one in common if one.kind == "copied"]
+    copied = [overlap for overlap in common if overlap.kind == "copied"]
     if copied:
         return Finding("not_judged", " ".join(map(str, copied)), "Hold out a recording of another motion.")
     if stop is not None:
-        worst = max(one.relative_total for one in (identification.fit, identification.held_out) if one is not None)
+        worst = max(
+            errors.relative_total for errors in (identification.fit, identification.held_out) if errors is not None
+        )
         sentence = f"The error is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect."
         return Finding("no", sentence, "Look at the cause above first.")
     veto = _veto(checks)
@@ -191,31 +201,31 @@ def _against_all(
 def _veto(checks: Mapping[str, Sequence[Check]]) -> str:
     """Say which check speaks against every use; nothing where the user has accepted what it finds, or none does."""
     against = [
-        f"In {name}: {one.detail}"
+        f"In {name}: {check.detail}"
         for name, own in checks.items()
-        for one in own
-        if one.name in VETOES and one.status != "ok" and not one.is_accepted
+        for check in own
+        if check.name in VETOES and check.status != "ok" and not check.is_accepted
     ]
     return against[0] if against else ""
 
 
-def _judge_poses(found: Identification) -> str:
-    """What a model of poses at rest is good for."""
-    errors = found.fit if found.held_out is None else found.held_out
-    error, of = errors.relative_total, "poses of the fit" if found.held_out is None else "held-out poses"
+def _judge_poses(identification: Identification) -> str:
+    """Word what a model of poses at rest is good for."""
+    errors = identification.fit if identification.held_out is None else identification.held_out
+    error, poses = errors.relative_total, "poses of the fit" if identification.held_out is None else "held-out poses"
     able = "Fit for gravity compensation" if error <= LARGEST_ERROR else "Not even fit for gravity compensation"
-    return f"{able}: {error:.1%} of the torque of {of} is left."
+    return f"{able}: {error:.1%} of the torque of {poses} is left."
 
 
 def is_stopped(identification: Identification) -> bool:
-    """Whether a model is not to be used: its errors are too large, or its held-out data are those of the fit."""
+    """Return whether a model is not to be used: its errors are too large, or its held-out data are those of the fit."""
     return bool(identification.data.copied) or tells_stop(identification.held_out) or tells_stop(identification.fit)
 
 
-def _next_steps(found: Identification, stop: Stop | None, common: Sequence[Common]) -> list[str]:
+def _next_steps(identification: Identification, stop: Stop | None, common: Sequence[Common]) -> list[str]:
     if stop is not None and stop.apply is not None:
         return [f"Read {stop.recording} again with: {stop.apply}.", "Identify again, and look at the verdict again."]
-    if stop is not None and any(one.kind == "copied" for one in common):
+    if stop is not None and any(overlap.kind == "copied" for overlap in common):
         return ["Hold out a recording of another motion."]
     if stop is not None and stop.records_more:
         return ["Record a longer, designed motion, and identify again.", "Hold out a motion with the same load."]
@@ -226,25 +236,25 @@ def _next_steps(found: Identification, stop: Stop | None, common: Sequence[Commo
         ]
     steps = [
         f"Leave out {span.start:.1f} to {span.end:.1f} s of the data of the fit, where something else acted."
-        for span in find_outlying_spans(found.data.training).spans
+        for span in find_outlying_spans(identification.data.training).spans
     ]
-    if found.model.is_at_rest:
-        return [_judge_poses(found), "Record a designed motion to identify the dynamics."]
-    if found.held_out is None:
+    if identification.model.is_at_rest:
+        return [_judge_poses(identification), "Record a designed motion to identify the dynamics."]
+    if identification.held_out is None:
         return [*steps, "Record another motion, and hold it out."]
-    error = found.held_out.relative_total
-    if any(one.kind == "repeated" for one in common):
+    error = identification.held_out.relative_total
+    if any(overlap.kind == "repeated" for overlap in common):
         steps.append(_ANOTHER)
-    if error > OVERFIT * found.fit.relative_total:
+    if error > OVERFIT * identification.fit.relative_total:
         steps.append(
-            f"The held-out error is {error / max(found.fit.relative_total, 1e-12):.1f} times that of the fit: record a "
-            "designed motion."
+            f"The held-out error is {error / max(identification.fit.relative_total, 1e-12):.1f} times that of the fit: "
+            "record a designed motion."
         )
-    return [*steps, *_what_is_missing(error, was_extended=found.step.parent is not None)]
+    return [*steps, *_what_is_missing(error, was_extended=identification.step.parent is not None)]
 
 
 def _what_is_missing(error: float, *, was_extended: bool) -> list[str]:
-    """Whether to look for effects: in a model that has some already only where its error is still unusual."""
+    """Advise to look for effects: in a model that was extended already only where its error is still unusual."""
     alone, full = (f"{low:.0%} to {high:.0%}" for low, high in (USUAL, USUAL_IN_FULL))
     if was_extended:
         still = f"Diagnose this model, too: with all effects {full} are usual, and it was extended already."

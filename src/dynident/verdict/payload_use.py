@@ -17,39 +17,43 @@ _LEAST_DETERMINED = 0.5
 
 
 def scale_findings(evidence: Evidence) -> list[Finding]:
-    """A known load that came out wrong: all torques, forces and masses are off by as much."""
+    """List the known loads that came out wrong: then all torques, forces and masses are off by the same factor."""
     step = "Find the drive gains from the runs without and with the load: dynident gains."
-    return [Finding("no", one.judged.reason, step) for one in evidence.failed("payload")]
+    return [Finding("no", outcome.judged.reason, step) for outcome in evidence.failed("payload")]
 
 
 def unit_findings(evidence: Evidence) -> list[Finding]:
-    """What a known load that came out wrong is for uses in which torques are only compared with torques."""
+    """List wrong known loads as limits, for uses in which torques are only compared with torques."""
     sentence = "In the unit of the recorded torque alone: a known load came out wrong, and so are all masses."
-    return [Finding("limited", sentence, one.next_step) for one in scale_findings(evidence)]
+    return [Finding("limited", sentence, finding.next_step) for finding in scale_findings(evidence)]
 
 
 def payload_findings(evidence: Evidence, mass: float | None) -> list[Finding]:
     """Judge the scale of the torques by a known load, and the mass that shows."""
-    found = [*error_findings(evidence), *scale_findings(evidence)]
+    findings = [*error_findings(evidence), *scale_findings(evidence)]
     error = evidence.held_out.relative_total
     if error > LARGEST_TO_WEIGH:
         sentence = f"The held-out error is {error:.1%}, above {LARGEST_TO_WEIGH:.0%}: what is left is taken for a load."
-        found.append(Finding("no", sentence, DIAGNOSE))
+        findings.append(Finding("no", sentence, DIAGNOSE))
     parameters = evidence.identification.parameters
-    links = [one for one in parameters if one.effect == LINKS.effect and one.judgement != "zero_in_interval"]
-    sure = sum(one.judgement == "determined" for one in links)
+    links = [
+        parameter
+        for parameter in parameters
+        if parameter.effect == LINKS.effect and parameter.judgement != "zero_in_interval"
+    ]
+    sure = sum(parameter.judgement == "determined" for parameter in links)
     if not links or sure < _LEAST_DETERMINED * len(links):
         sentence = (
             f"Of the {len(links)} parameters of the links that are not zero the data determine {sure}: a load would be "
             "weighed against uncertain ones."
         )
-        found.append(Finding("no", sentence, "Record a longer, designed motion: dynident design."))
+        findings.append(Finding("no", sentence, "Record a longer, designed motion: dynident design."))
     checked = evidence.passed("payload")
     if not checked:
         sentence = "Nothing has checked the drive gains: with wrong ones every load is as wrong, and no error shows it."
-        found.append(Finding("not_judged", sentence, GAINS))
+        findings.append(Finding("not_judged", sentence, GAINS))
     if mass is None:
         sentence = "Which mass shows takes a held-out motion that moves the tool."
-        return [*found, Finding("not_judged", sentence, GIVE_RECORDINGS)]
+        return [*findings, Finding("not_judged", sentence, GIVE_RECORDINGS)]
     figures = f"Along the held-out motion a load at the tool shows from {mass:.2g} kg on."
-    return [*found, *(Finding("yes", one.judged.reason) for one in checked), Finding("yes", figures)]
+    return [*findings, *(Finding("yes", outcome.judged.reason) for outcome in checked), Finding("yes", figures)]

@@ -1,4 +1,4 @@
-"""Is a model fit for simulation: can its robot exist, and does it stay near the real one when it is left alone?"""
+"""Is a model fit for simulation: can such a robot exist, and does it stay near the real one without a controller?"""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ CURE = "Identify again with bodies that can exist: dynident identify … --estim
 
 
 def simulation_findings(evidence: Evidence, drift: Drift | None) -> list[Finding]:
-    """Judge the links, the mass matrix along the motion, and the drift of a simulation that is left alone."""
-    found = [*_bodies(evidence), *_mass_matrix(evidence)]
+    """Judge the links, the mass matrix along the motion, and the drift of a simulation without a controller."""
+    findings = [*_bodies(evidence), *_mass_matrix(evidence)]
     if drift is not None:
-        return [*found, _drift(drift)]
+        return [*findings, _drift(drift)]
     if evidence.recordings:
         sentence = "No robot with these parameters makes a step along the held-out motion."
-        return [*found, Finding("no", sentence, CURE)]
+        return [*findings, Finding("no", sentence, CURE)]
     sentence = "How far a simulation runs away takes the held-out recordings."
-    return [*found, Finding("not_judged", sentence, GIVE_RECORDINGS)]
+    return [*findings, Finding("not_judged", sentence, GIVE_RECORDINGS)]
 
 
 def drift_of(evidence: Evidence) -> Drift | None:
-    """The drift along the held-out recordings; None where there are none, or no robot has these parameters."""
+    """Return the drift along the held-out recordings; None where there are none, or no robot has these parameters."""
     try:
         return open_loop_drift(evidence.identification, evidence.recordings) if evidence.recordings else None
     except DynidentError:
@@ -41,14 +41,19 @@ def drift_of(evidence: Evidence) -> Drift | None:
 
 
 def _bodies(evidence: Evidence) -> list[Finding]:
-    """Whether bodies, rotors and friction that can exist have the parameters; else what those that can would cost."""
-    found = evidence.identification
-    if not any(one.effect == LINKS.effect for one in found.model.effects):
+    """Judge whether bodies, rotors and friction that can exist have the parameters; if not, what they would cost."""
+    identification = evidence.identification
+    if not any(choice.effect == LINKS.effect for choice in identification.model.effects):
         return []
-    if found.estimate.standard is not None and not found.estimate.not_essential:
+    if identification.estimate.standard is not None and not identification.estimate.not_essential:
         return []  # These standard parameters were looked for among those of bodies that can exist.
     try:
-        nearest = nearest_feasible(found.model, found.data.equations, found.estimate.solution, found.choices.trust)
+        nearest = nearest_feasible(
+            identification.model,
+            identification.data.equations,
+            identification.estimate.solution,
+            identification.choices.trust,
+        )
     except DynidentError as error:
         return [
             Finding("no", f"Whether bodies that can exist have these parameters is not known: {error.detail}.", CURE)
@@ -58,29 +63,33 @@ def _bodies(evidence: Evidence) -> list[Finding]:
     names = ", ".join(nearest.limits[:_NAMED])
     more = f" and {len(nearest.limits) - _NAMED} more" if len(nearest.limits) > _NAMED else ""
     cost = ""
-    if found.data.held_out is not None:
-        after = errors(found.data.held_out, nearest.values).relative_total
+    if identification.data.held_out is not None:
+        after = errors(identification.data.held_out, nearest.values).relative_total
         before = evidence.held_out.relative_total
         cost = f" The nearest that can have a held-out error of {after:.2%} instead of {before:.2%}."
     return [Finding("no", f"No bodies that can exist have these parameters ({names}{more}).{cost}", CURE)]
 
 
 def _mass_matrix(evidence: Evidence) -> list[Finding]:
-    """Whether the mass matrix is positive definite along the held-out motion, and in random postures."""
-    found = evidence.identification
+    """Judge whether the mass matrix is positive definite along the held-out motion, and in random postures."""
+    identification = evidence.identification
     along = np.inf
     if evidence.comparisons:
-        q = np.concatenate([one.q for one in evidence.comparisons])
-        along = smallest_inertia_eigenvalue(found.model, found.values, postures=q[:: max(1, len(q) // _POSTURES)])
+        q = np.concatenate([comparison.q for comparison in evidence.comparisons])
+        along = smallest_inertia_eigenvalue(
+            identification.model, identification.values, postures=q[:: max(1, len(q) // _POSTURES)]
+        )
     if along <= 0:
         return [Finding("no", "Along the held-out motion the mass matrix is not positive definite.", CURE)]
-    if found.worst_inertia_eigenvalue <= 0:
+    if identification.worst_inertia_eigenvalue <= 0:
         return [Finding("no", "In some postures the mass matrix is not positive definite.", CURE)]
     return []
 
 
 def _drift(drift: Drift) -> Finding:
     share, figures = drift.share, drift_in_words(drift)
+    # Only the two shorter horizons decide: after two seconds most arms have left the motion, whatever the model, as
+    # they are unstable without a controller.
     short = share[:2]
     if not np.isfinite(short[0]).all():
         return Finding("no", f"Left alone under the measured torque, the simulation diverges. {figures}", CURE)
@@ -96,12 +105,12 @@ def _drift(drift: Drift) -> Finding:
 
 
 def drift_in_words(drift: Drift) -> str:
-    """The worst joint after each time, in a sentence."""
-    told = []
+    """Word the drift of the worst joint after each time, in a sentence."""
+    phrases = []
     for after, share in zip(AFTER, drift.share, strict=True):
         if np.isnan(share).all():
             continue
         worst = int(np.nanargmax(share))
         size = "all of" if not np.isfinite(share[worst]) else f"{share[worst]:.0%} of"
-        told.append(f"{size} its way after {after:g} s ({drift.joint_names[worst]})")
-    return f"Left alone under the measured torque, the worst joint is off by {', '.join(told)}."
+        phrases.append(f"{size} its way after {after:g} s ({drift.joint_names[worst]})")
+    return f"Left alone under the measured torque, the worst joint is off by {', '.join(phrases)}."

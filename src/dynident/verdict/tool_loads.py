@@ -55,53 +55,67 @@ class DetectableForce:
 
 
 def detectable_force(robot: Robot, comparisons: Sequence[Comparison]) -> DetectableForce | None:
-    """Tell which force at the tool shows at `FALSE_ALARMS_AN_HOUR`; None where the data are too short or see none."""
-    blocks = [_Blocks.of(one) for one in comparisons]
-    seconds = _BLOCK * sum(len(one.maxima) for one in blocks)
+    """Compute which force at the tool shows at `FALSE_ALARMS_AN_HOUR`; None where the data are too short or see none.
+
+    Parameters
+    ----------
+    robot : Robot
+    comparisons : sequence of Comparison
+        The model on held-out recordings.
+
+    Returns
+    -------
+    DetectableForce or None
+    """
+    blocks = [_Blocks.of(comparison) for comparison in comparisons]
+    seconds = _BLOCK * sum(len(block.maxima) for block in blocks)
     # Every joint may cry out: each has its share of the false alarms.
     share = FALSE_ALARMS_AN_HOUR / 3600.0 * _BLOCK / robot.n
     # Static friction hides what pushes a joint that stands: only seconds in which it moves tell.
-    moving = [[one.maxima[one.moves[:, j], j] for one in blocks] for j in range(robot.n)]
-    counts = [sum(len(part) for part in own) for own in moving]
+    moving = [[block.maxima[block.moves[:, j], j] for block in blocks] for j in range(robot.n)]
+    counts = [sum(len(maxima) for maxima in own) for own in moving]
     if max(counts, default=0) < FEWEST_BLOCKS:
         return None
     thresholds = np.array(
         [
-            _threshold([part for part in own if len(part)], share) if count >= FEWEST_BLOCKS else np.inf
+            _threshold([maxima for maxima in own if len(maxima)], share) if count >= FEWEST_BLOCKS else np.inf
             for own, count in zip(moving, counts, strict=True)
         ]
     )
-    q = np.concatenate([one.q for one in comparisons])
+    q = np.concatenate([comparison.q for comparison in comparisons])
     jacobian = tool_jacobian(robot, q[:: max(1, len(q) // _POSTURES)])
-    seen = _seen(jacobian, thresholds)
-    if seen is None:
+    lift = _seen(jacobian, thresholds)
+    if lift is None:
         return None
-    return DetectableForce(float(np.quantile(1.0 / np.maximum(seen, _SMALL**2), SEEN)), thresholds, seconds)
+    return DetectableForce(float(np.quantile(1.0 / np.maximum(lift, _SMALL**2), SEEN)), thresholds, seconds)
 
 
 def detectable_mass(robot: Robot, comparisons: Sequence[Comparison]) -> float | None:
-    """Tell from which mass (kg) on a load at the tool is told from none along the held-out motion; None where never.
+    """Compute from which mass in kg on a load at the tool shows along the held-out motion; None where no mass does.
 
-    What the residual itself looks like as a mass counts, and its 95 % interval by stretches of time.
+    The mass that the residual itself looks like counts, and its 95 % interval from blocks of time.
     """
     above, below, blocks = 0.0, 0.0, []
-    for one in comparisons:
-        column = _torque_of_one_kilogram(robot, one)
-        weights = one.moving / np.maximum(one.noise, 1e-300) ** 2
-        product, size = (weights * column * one.raw_residual).sum(axis=1), (weights * column**2).sum(axis=1)
-        block = _blocks_of(one)
+    for comparison in comparisons:
+        # Weighted least squares with one unknown, the mass: each joint's residual is regressed on the torque of one
+        # kilogram.
+        column = _torque_of_one_kilogram(robot, comparison)
+        weights = comparison.moving / np.maximum(comparison.noise, 1e-300) ** 2
+        product, size = (weights * column * comparison.raw_residual).sum(axis=1), (weights * column**2).sum(axis=1)
+        block = _blocks_of(comparison)
         blocks.append(np.array([(product[block == k].sum(), size[block == k].sum()) for k in np.unique(block)]))
         above, below = above + float(product.sum()), below + float(size.sum())
     if not below > 0:
         return None
     mass = above / below
     each = np.concatenate(blocks)
+    # A cluster-robust deviation: residuals are correlated within a block, and independent between blocks.
     deviation = float(np.sqrt(((each[:, 0] - mass * each[:, 1]) ** 2).sum())) / below
     return abs(mass) + NORMAL_95 * deviation
 
 
 def tool_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
-    """(m, 3, n): velocity of the last joint's origin for a unit velocity of each joint, at postures q (m, n)."""
+    """Return the Jacobian (m, 3, n) of the last joint's origin at postures q (m, n), by central differences."""
     columns = []
     for joint in range(robot.n):
         step = np.zeros(robot.n)
@@ -111,32 +125,36 @@ def tool_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def _seen(jacobian: FloatArray, thresholds: FloatArray) -> FloatArray | None:
-    """(k,): by how much of its threshold 1 N lifts the residual that it lifts most, over postures and directions.
+    """Return (k,): the share of its threshold to which 1 N lifts the most lifted residual, by posture and direction.
 
     None where no force at the tool moves a joint. Directions that no joint ever feels are left out.
     """
-    left, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
+    left_vectors, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
     largest = float(singular.max(initial=0.0))
     if largest <= _SMALL:
         return None
+    # A planar arm feels forces in its plane alone. Directions are drawn in the space that some posture feels at all, or
+    # a share of them would never show.
     rank = int((singular.max(axis=0) > _FLAT * largest).sum())
     directions = np.random.default_rng(0).normal(size=(_DIRECTIONS, rank))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    forces = np.einsum("mir,dr->mdi", left[:, :, :rank], directions)
+    forces = np.einsum("mir,dr->mdi", left_vectors[:, :, :rank], directions)
     torque = np.abs(np.einsum("mdi,mij->mdj", forces, jacobian))
     return np.asarray((torque / np.maximum(thresholds, 1e-300)).max(axis=2).reshape(-1))
 
 
 def _threshold(maxima: Sequence[FloatArray], share: float) -> float:
-    """The value that largest values of a block exceed with this probability, at most: with a confidence of 95 %."""
+    """Return the value that block maxima exceed with this probability at most, with a confidence of 95 %."""
     values = np.concatenate(maxima)
+    # Gumbel's distribution by the method of moments: its standard deviation is π / √6 times the scale, its mean lies
+    # Euler's constant times the scale above the mode.
     scale = float(values.std(ddof=1)) * _GUMBEL
     place = float(values.mean()) - _EULER * scale
     return float(place + scale * _quantile(share, max(independent_squares(maxima), 2.0)))
 
 
 def _quantile(share: float, count: float) -> float:
-    """Quantile of Gumbel's distribution that is exceeded with this probability, and what `count` values leave open."""
+    """Return the upper quantile of the standard Gumbel distribution, plus what `count` values leave open about it."""
     y = -np.log(-np.log1p(-share))
     # Standard error of the quantile by the method of moments (Kite 1977), in standard deviations of the values.
     k = _GUMBEL * (y - _EULER)
@@ -144,9 +162,10 @@ def _quantile(share: float, count: float) -> float:
     return float(y + _ONE_SIDED_95 * error / _GUMBEL)
 
 
-def _blocks_of(one: Comparison) -> FloatArray:
-    """(m,): the number of the block of `_BLOCK` s that a row is in; blocks end with their segment."""
-    return np.asarray(np.floor((one.t - one.t[0]) / _BLOCK) + 1e6 * one.segment)
+def _blocks_of(comparison: Comparison) -> FloatArray:
+    """Return (m,): the number of the block of `_BLOCK` s that a row is in; blocks end with their segment."""
+    # The large factor keeps blocks of different segments apart.
+    return np.asarray(np.floor((comparison.t - comparison.t[0]) / _BLOCK) + 1e6 * comparison.segment)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,18 +176,25 @@ class _Blocks:
     moves: BoolArray
 
     @classmethod
-    def of(cls, one: Comparison) -> _Blocks:
-        _, first, counts = np.unique(_blocks_of(one), return_index=True, return_counts=True)
+    def of(cls, comparison: Comparison) -> _Blocks:
+        _, first, counts = np.unique(_blocks_of(comparison), return_index=True, return_counts=True)
+        # A short block at the end of a segment has a smaller maximum than a whole one, and would lower the threshold.
         whole = counts >= 0.8 * np.median(counts)
         rows = [slice(a, a + k) for a, k in zip(first[whole], counts[whole], strict=True)]
-        n = one.residual.shape[1]
-        maxima = np.array([np.abs(one.residual[part]).max(axis=0) for part in rows]).reshape(-1, n)
-        moves = np.array([(one.phase[part] != Phase.STANDING).any(axis=0) for part in rows]).reshape(-1, n)
+        n = comparison.residual.shape[1]
+        maxima = np.array([np.abs(comparison.residual[block_rows]).max(axis=0) for block_rows in rows]).reshape(-1, n)
+        moves = np.array([(comparison.phase[block_rows] != Phase.STANDING).any(axis=0) for block_rows in rows]).reshape(
+            -1, n
+        )
         return cls(maxima, moves)
 
 
-def _torque_of_one_kilogram(robot: Robot, one: Comparison) -> FloatArray:
-    """(m, n): what the joints need for a point of 1 kg at the tool along the motion."""
-    ahead, here, behind = (tool_path(robot, one.q + dt * one.dq + 0.5 * dt**2 * one.ddq) for dt in (_TIME, 0.0, -_TIME))
+def _torque_of_one_kilogram(robot: Robot, comparison: Comparison) -> FloatArray:
+    """Return (m, n): the torque that a point mass of 1 kg at the tool needs along the motion."""
+    ahead, here, behind = (
+        tool_path(robot, comparison.q + dt * comparison.dq + 0.5 * dt**2 * comparison.ddq)
+        for dt in (_TIME, 0.0, -_TIME)
+    )
+    # The tool's acceleration is a second difference of its path, with the joints moved along the motion by ± _TIME.
     force = (ahead - 2.0 * here + behind) / _TIME**2 - np.asarray(robot.gravity)
-    return np.asarray(np.einsum("mij,mi->mj", tool_jacobian(robot, one.q), force))
+    return np.asarray(np.einsum("mij,mi->mj", tool_jacobian(robot, comparison.q), force))

@@ -1,4 +1,4 @@
-"""Whether a model is fit for a use: what speaks for and against it, and the sentence that comes of it."""
+"""Whether a model is fit for a use: findings for and against it, combined into one statement."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Use:
 
     @property
     def fit(self) -> bool:
-        """Whether it may be used so, if only within a limit."""
+        """Whether the model may be used so, if only within a limit."""
         return self.state in ("yes", "limited")
 
     @property
@@ -40,13 +40,13 @@ class Use:
 
     @property
     def words(self) -> str:
-        """The name for people."""
+        """Name of the use for people."""
         return self.use.replace("_", " ")
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What one test of a use gave, in a whole sentence, and what to do about it where it is not good."""
+    """Result of one test of a use in a whole sentence, and what to do about it where it is not good."""
 
     state: State
     sentence: str
@@ -54,18 +54,23 @@ class Finding:
 
 
 def use_of(name: UseName, findings: Sequence[Finding], when_good: str) -> Use:
-    """Make one statement of all tests of a use: the gravest decide.
+    """Combine all findings about a use into one statement: the gravest decide.
 
     Parameters
     ----------
+    name : UseName
     findings : sequence of Finding
         In the order in which they are to be cured.
     when_good : str
         What to do next where nothing speaks against the use.
+
+    Returns
+    -------
+    Use
     """
-    state = next(one for one in _GRAVEST_FIRST if any(found.state == one for found in findings))
+    state = next(grade for grade in _GRAVEST_FIRST if any(finding.state == grade for finding in findings))
     # Where there is nothing to tell by, figures say nothing; a limit stands beside the figures that it limits.
-    told = (state, "yes") if state == "limited" else (state,)
-    sentences = [found.sentence for one in told for found in findings if found.state == one]
-    steps = [found.next_step for found in findings if found.state == state and found.next_step]
+    reported = (state, "yes") if state == "limited" else (state,)
+    sentences = [finding.sentence for grade in reported for finding in findings if finding.state == grade]
+    steps = [finding.next_step for finding in findings if finding.state == state and finding.next_step]
     return Use(name, state, " ".join(sentences), steps[0] if steps else when_good)

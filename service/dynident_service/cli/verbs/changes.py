@@ -27,12 +27,12 @@ def changes(
 
     identification = inputs.model_of(model)
     robot = identification.model.robot
-    with inputs.read("compare the days", [*before, *after], robot, reading, share=0.3) as read:
-        earlier, later = read.recordings[: len(before)], read.recordings[len(before) :]
-        found = advise(examine(identification, later, baseline=earlier, progress=read.progress))
+    with inputs.read("compare the days", [*before, *after], robot, reading, share=0.3) as data:
+        earlier, later = data.recordings[: len(before)], data.recordings[len(before) :]
+        diagnosis = advise(examine(identification, later, baseline=earlier, progress=data.progress))
     telling.tell(
         result,
         "diagnosis",
-        lambda: describe_diagnosis(found, robot.name),
-        lambda console: shown.show_changes(console, found, robot),
+        lambda: describe_diagnosis(diagnosis, robot.name),
+        lambda console: shown.show_changes(console, diagnosis, robot),
     )

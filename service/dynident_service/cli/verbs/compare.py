@@ -45,18 +45,18 @@ def compare(
     identification = inputs.model_of(model)
     if out is not None:
         tables.check_ending(out)
-    with inputs.read("compare", [measurement], identification.model.robot, reading, learnt) as read:
-        (recording,) = read.recordings
+    with inputs.read("compare", [measurement], identification.model.robot, reading, learnt) as data:
+        (recording,) = data.recordings
         if learnt:
-            check_same_recordings(identification, read.other_recordings)
-        found = compare_model(identification, recording, part(read.progress, 0.0, 0.8))
-        judged = judge(found, recording, identification.preprocessing, read.other_recordings)
+            check_same_recordings(identification, data.other_recordings)
+        comparison = compare_model(identification, recording, part(data.progress, 0.0, 0.8))
+        judgement = judge(comparison, recording, identification.preprocessing, data.other_recordings)
     if out is not None:
-        tables.write_table(tables.comparison_table(found), out)
+        tables.write_table(tables.comparison_table(comparison), out)
 
     def show(console: Console) -> None:
-        shown.show_measurements(console, (), read.given)
-        shown.show_comparison(console, recording.name, found, judged)
+        shown.show_measurements(console, (), data.given)
+        shown.show_comparison(console, recording.name, comparison, judgement)
 
-    written = () if out is None else (f"signals written to {out}",)
-    telling.say(as_json, lambda: describe_comparison(found, judged, True if learnt else None), show, *written)
+    messages = () if out is None else (f"signals written to {out}",)
+    telling.say(as_json, lambda: describe_comparison(comparison, judgement, True if learnt else None), show, *messages)

@@ -38,48 +38,50 @@ def currents(
     if unknown:
         # Then "torque" is the current itself.
         machine = inputs.with_gains(machine, ",".join("1" * machine.n))
-    chosen = inputs.effects_of(effects, machine) or PLAIN_EFFECTS
-    with inputs.read("currents", measurements, machine, reading, validation) as read:
-        training, held_out = read.recordings, read.other_recordings
-        found = identify_currents(machine, training, held_out, effects=chosen, progress=read.progress)
-    checked = (_unscaled(read.given), _unscaled(read.others)) if unknown else (read.given, read.others)
+    chosen_effects = inputs.effects_of(effects, machine) or PLAIN_EFFECTS
+    with inputs.read("currents", measurements, machine, reading, validation) as data:
+        training, held_out = data.recordings, data.other_recordings
+        models = identify_currents(machine, training, held_out, effects=chosen_effects, progress=data.progress)
+    checked = (_unscaled(data.given), _unscaled(data.others)) if unknown else (data.given, data.others)
 
     def show(console: Console) -> None:
         shown.show_measurements(console, *checked)
-        _show(console, found)
+        _show(console, models)
 
-    telling.tell(result, "parameters", lambda: in_contract(CurrentModelsResult, None, joints=found), show)
+    telling.tell(result, "parameters", lambda: in_contract(CurrentModelsResult, None, joints=models), show)
 
 
 def _unscaled(measurements: Sequence[Loaded]) -> list[Loaded]:
     """Without the check of the torque's scale, which currents in place of torques have to fail."""
     return [
-        replace(one, checks=tuple(check for check in one.checks if check.name != "torque_scale"))
-        for one in measurements
+        replace(measurement, checks=tuple(check for check in measurement.checks if check.name != "torque_scale"))
+        for measurement in measurements
     ]
 
 
-def _show(console: Console, found: Sequence[CurrentModel]) -> None:
+def _show(console: Console, models: Sequence[CurrentModel]) -> None:
     from dynident.reports.numbers import estimate, number, percent
     from dynident.reports.words import JUDGED
     from dynident_service.cli import terminal
 
     rows = [
         [
-            one.joint,
-            str(len(one.parameters)),
-            number(one.fit.rms_total, 3),
-            percent(one.fit.relative_total),
-            "–" if one.held_out is None else number(one.held_out.rms_total, 3),
-            "–" if one.held_out is None else percent(one.held_out.relative_total),
+            model.joint,
+            str(len(model.parameters)),
+            number(model.fit.rms_total, 3),
+            percent(model.fit.relative_total),
+            "–" if model.held_out is None else number(model.held_out.rms_total, 3),
+            "–" if model.held_out is None else percent(model.held_out.relative_total),
         ]
-        for one in found
+        for model in models
     ]
     heads = ("joint", "parameters", "residual, A", "of the current", "held out, A", "of the current")
     console.print(terminal.table("The current of every joint", heads, rows))
-    for one in found:
-        told = [
+    for model in models:
+        parameter_rows = [
             [p.name, *estimate(p.value, 0.5 * (p.interval[1] - p.interval[0])), p.unit, JUDGED[p.judgement].words]
-            for p in one.parameters
+            for p in model.parameters
         ]
-        console.print(terminal.table(one.joint, ("parameter", "value", "± 95 %", "unit", "judgement"), told))
+        console.print(
+            terminal.table(model.joint, ("parameter", "value", "± 95 %", "unit", "judgement"), parameter_rows)
+        )

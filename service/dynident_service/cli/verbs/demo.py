@@ -29,8 +29,8 @@ def demo(
 
     scenario = Scenario.of(inputs.robot_of(robot), effect, joint, seed, quick)
     console = terminal.err() if as_json else terminal.out()
-    found = tell(scenario, out, console)
+    story = tell(scenario, out, console)
     if as_json:
-        terminal.print_json(found.document())
-    if not found.named_right:
+        terminal.print_json(story.document())
+    if not story.named_right:
         raise typer.Exit(1)

@@ -63,8 +63,8 @@ class Beside:
 def design(
     robot: RobotArgument,
     effects: Effects,
-    asked: Annotated[Typed, Asks(DesignRequest)],
-    beside: Beside,
+    request_options: Annotated[Typed, Asks(DesignRequest)],
+    files: Beside,
     reading: RobotTimedReading,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="Trajectory: .csv, .parquet, .yaml (ROS 2).")
@@ -89,18 +89,18 @@ def design(
 
     tables.check_ending(out, tables.TRAJECTORY_ENDINGS)
     machine = inputs.robot_of(robot, reading)
-    wanted = asked.request(DesignRequest, effects=inputs.effects_of(effects, machine) or None)
+    typed_request = request_options.request(DesignRequest, effects=inputs.effects_of(effects, machine) or None)
     request = replace(
-        wanted if beside.diagnosis is None else proposed_design(beside.diagnosis),
-        limits=limits_of(beside.limits),
-        torque_margin=wanted.torque_margin,
+        typed_request if files.diagnosis is None else proposed_design(files.diagnosis),
+        limits=limits_of(files.limits),
+        torque_margin=typed_request.torque_margin,
         surroundings=surroundings_of(
-            beside.surroundings, mesh_folders_of(machine, robot, beside.meshes), floor=beside.floor
+            files.surroundings, mesh_folders_of(machine, robot, files.meshes), floor=files.floor
         ),
     )
-    with inputs.read("design", beside.earlier or [], machine, reading, share=0.1) as read:
-        found = design_experiment(machine, request, read.progress, read.recordings)
-    tables.write_trajectory(found, out)
-    described, written = lambda: describe_design(found), f"trajectory written to {out}"
-    telling.say(as_json, described, lambda console: show_design(console, found), written)
-    warn_of_unchecked(terminal.err(), found)
+    with inputs.read("design", files.earlier or [], machine, reading, share=0.1) as data:
+        experiment = design_experiment(machine, request, data.progress, data.recordings)
+    tables.write_trajectory(experiment, out)
+    described, message = lambda: describe_design(experiment), f"trajectory written to {out}"
+    telling.say(as_json, described, lambda console: show_design(console, experiment), message)
+    warn_of_unchecked(terminal.err(), experiment)

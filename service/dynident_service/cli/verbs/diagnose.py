@@ -13,7 +13,7 @@ def diagnose(
     model: ModelArgument,
     measurements: Measurements,
     reading: Reading,
-    asked: Annotated[Typed, Asks(DiagnosisChoices)],
+    request_options: Annotated[Typed, Asks(DiagnosisChoices)],
     result: Result,
 ) -> None:
     """Name the physics that a model is missing.
@@ -27,19 +27,19 @@ def diagnose(
 
     identification = inputs.model_of(model)
     robot = identification.model.robot
-    choices = asked.request(DiagnosisChoices)
-    with inputs.read("diagnose", measurements, robot, reading, share=0.3) as read:
+    choices = request_options.request(DiagnosisChoices)
+    with inputs.read("diagnose", measurements, robot, reading, share=0.3) as data:
         examined = examine(
             identification,
-            read.recordings,
+            data.recordings,
             candidates=choices.candidates,
             most_effects=choices.max_effects,
-            progress=read.progress,
+            progress=data.progress,
         )
-        found = advise(examined)
+        diagnosis = advise(examined)
     telling.tell(
         result,
         "diagnosis",
-        lambda: describe_diagnosis(found, robot.name),
-        lambda console: shown.show_diagnosis(console, found, robot),
+        lambda: describe_diagnosis(diagnosis, robot.name),
+        lambda console: shown.show_diagnosis(console, diagnosis, robot),
     )

@@ -49,8 +49,8 @@ def doctor(
                 return reader.problem_of(resource) or f"its request or its result: {type(error).__name__}: {error}"
             return reader.problem_of(resource)
 
-        read = None if quick else problem_of
-        for finding in examination.examine(database, objects, by_hash=not quick, problem_of=read):
+        read_problem = None if quick else problem_of
+        for finding in examination.examine(database, objects, by_hash=not quick, problem_of=read_problem):
             mended = repair and finding.is_curable
             if mended:
                 examination.repair(database, objects, finding)

@@ -19,7 +19,10 @@ def effects(as_json: Json = False) -> None:
         [
             effect.id,
             effect.title,
-            ", ".join(f"{one.name} ({one.unit})" if one.unit != "-" else one.name for one in effect.parameters),
+            ", ".join(
+                f"{parameter.name} ({parameter.unit})" if parameter.unit != "-" else parameter.name
+                for parameter in effect.parameters
+            ),
             effect.signature,
         ]
         for effect in CATALOGUE.values()

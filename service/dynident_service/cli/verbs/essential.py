@@ -11,7 +11,7 @@ from dynident_service.cli.options import ModelArgument, Result
 
 def essential(
     model: ModelArgument,
-    asked: Annotated[Typed, Asks(EssentialChoices)],
+    request_options: Annotated[Typed, Asks(EssentialChoices)],
     result: Result,
 ) -> None:
     """Find the essential parameters of a model by backward elimination.
@@ -23,11 +23,11 @@ def essential(
     from dynident_service.adapters.identifications import describe_essential
     from dynident_service.cli import inputs, shown, telling
 
-    found = essential_parameters(inputs.model_of(model), asked.request(EssentialChoices).ratio)
+    path = essential_parameters(inputs.model_of(model), request_options.request(EssentialChoices).ratio)
     telling.tell(
         result,
         "model",
-        lambda: describe_essential(found),
-        lambda console: shown.show_essential(console, found),
-        lambda: to_bytes(found.identification),
+        lambda: describe_essential(path),
+        lambda console: shown.show_essential(console, path),
+        lambda: to_bytes(path.identification),
     )

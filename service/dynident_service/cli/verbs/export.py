@@ -14,7 +14,7 @@ from dynident_service.cli.options import Json, ModelArgument
 
 def export(
     model: ModelArgument,
-    asked: Annotated[Typed, Asks(ExportChoices, but=("format",))],
+    request_options: Annotated[Typed, Asks(ExportChoices, but=("format",))],
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="Where to write; named after the robot otherwise."),
@@ -29,11 +29,11 @@ def export(
     from dynident.verdict import is_stopped
     from dynident_service.cli import files, inputs, telling
 
-    chosen = format or ENDINGS.get(out.suffix.lower() if out is not None else "", "")
-    if not chosen:
+    format_name = format or ENDINGS.get(out.suffix.lower() if out is not None else "", "")
+    if not format_name:
         detail = f"say the format: --format, or --out with one of the endings {', '.join(ENDINGS)}"
         raise DynidentError(detail, pointer="--format", title="No such format")
-    choices = asked.request(ExportChoices)
+    choices = request_options.request(ExportChoices)
     identification = inputs.model_of(model)
     if is_stopped(identification) and not choices.anyway:
         copied = ", ".join(identification.data.copied)
@@ -47,12 +47,12 @@ def export(
         detail = f"{why}. To write it all the same: --anyway"
         raise DynidentError(detail, pointer=str(model), title="Not fit for use")
     try:
-        file = export_model(identification, chosen, nearest=choices.nearest)
+        file = export_model(identification, format_name, nearest=choices.nearest)
     except DynidentError as error:
         detail = error.detail.replace("(nearest)", "(--nearest)")
         raise DynidentError(detail, pointer="--format", title=error.title) from error
     path = Path(file.name) if out is None else out
     files.write_whole(path, file.content)
     document = {"path": str(path), "size": len(file.content), "media_type": file.media_type, "notes": list(file.notes)}
-    notes, written = (f"note: {note}" for note in file.notes), f"{chosen} written to {path}"
-    telling.say(as_json, lambda: document, lambda _: None, *notes, f"{written} ({len(file.content) / 1e3:.1f} kB)")
+    notes, message = (f"note: {note}" for note in file.notes), f"{format_name} written to {path}"
+    telling.say(as_json, lambda: document, lambda _: None, *notes, f"{message} ({len(file.content) / 1e3:.1f} kB)")

@@ -42,18 +42,18 @@ def extend(
     robot = identification.model.robot
     added = inputs.effects_of(effects, robot)
     if diagnosis is not None:
-        stored = inputs.stored_diagnosis(diagnosis)
-        added += stored.recommended
+        stored_diagnosis = inputs.stored_diagnosis(diagnosis)
+        added += stored_diagnosis.recommended
         if not added:
-            why = f"Nothing is added: the diagnosis recommends nothing. {stored.summary}"
+            why = f"Nothing is added: the diagnosis recommends nothing. {stored_diagnosis.summary}"
             telling.tell_unchanged(result, identification, why)
             return
     if not added:
         raise DynidentError("say what to add: --effects, or --diagnosis with a file", pointer="--effects")
-    with inputs.read("extend", measurements, robot, reading, validation) as read:
-        found = extend_model(identification, added, read.recordings, read.other_recordings, read.progress)
-        checks = {item.recording.name: item.checks for item in (*read.given, *read.others)}
-        judged = verdict(found, read.recordings, read.other_recordings, checks)
-    telling.tell_rung(result, found, model.stem, identification, judged)
-    if judged.stop is not None:
+    with inputs.read("extend", measurements, robot, reading, validation) as data:
+        extended = extend_model(identification, added, data.recordings, data.other_recordings, data.progress)
+        checks = {item.recording.name: item.checks for item in (*data.given, *data.others)}
+        model_verdict = verdict(extended, data.recordings, data.other_recordings, checks)
+    telling.tell_rung(result, extended, model.stem, identification, model_verdict)
+    if model_verdict.stop is not None:
         raise typer.Exit(shown.STOPPED)

@@ -37,7 +37,7 @@ def gains(
         several_files("--weigh-unloaded", help="Of the motion of --weigh, without its load; else MEASUREMENT."),
         TO_READ,
     ],
-    asked: Annotated[Typed, Asks(KnownLoad)],
+    request_options: Annotated[Typed, Asks(KnownLoad)],
     as_json: Json = False,
 ) -> None:
     """Identify the drive gains from runs without and with a load of known mass.
@@ -51,25 +51,28 @@ def gains(
 
     if weigh_unloaded and not weigh:
         raise DynidentError("nothing is to be weighed: give --weigh too", pointer="--weigh-unloaded")
-    load = asked.request(KnownLoad)
+    load = request_options.request(KnownLoad)
     if load.mass is None and not reading.metadata:
         raise DynidentError("say what the load weighs, in kg", pointer="--mass", title="Missing option")
     machine = inputs.robot_of(robot, reading)
     others = [*loaded, *weigh, *weigh_unloaded]
-    with inputs.read("gains", measurements, machine, reading, others, share=0.6) as read:
-        unloaded, rest = read.recordings, read.other_recordings
+    with inputs.read("gains", measurements, machine, reading, others, share=0.6) as data:
+        unloaded, rest = data.recordings, data.other_recordings
         heavy = [replace(recording, payload=load.over(recording.payload)) for recording in rest[: len(loaded)]]
-        found = identify_gains(machine, unloaded, heavy, progress=part(read.progress, 0.0, 0.75))
+        drive_gains = identify_gains(machine, unloaded, heavy, progress=part(data.progress, 0.0, 0.75))
         other, bare = rest[len(loaded) :][: len(weigh)], rest[len(loaded) + len(weigh) :]
-        loads = [(one.name, payload_mass(machine, bare or unloaded, one, gains=found)) for one in other]
-        read.progress(1.0, "solved")
-    described = describe_gains(machine, found, [(name, name, load) for name, load in loads])
-    said = ",".join(f"{value:.4g}" for value in found.values)
+        loads = [
+            (recording.name, payload_mass(machine, bare or unloaded, recording, gains=drive_gains))
+            for recording in other
+        ]
+        data.progress(1.0, "solved")
+    described = describe_gains(machine, drive_gains, [(name, name, load) for name, load in loads])
+    gains_text = ",".join(f"{value:.4g}" for value in drive_gains.values)
 
     def show(console: Console) -> None:
         terminal.print_tables(console, gain_tables(described))
-        console.print(f"To identify with them: --drive-gains {said}", soft_wrap=True)
-        for warning in found.warnings:
+        console.print(f"To identify with them: --drive-gains {gains_text}", soft_wrap=True)
+        for warning in drive_gains.warnings:
             console.print(f"! {warning}")
 
     telling.say(as_json, lambda: described, show)

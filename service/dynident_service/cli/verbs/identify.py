@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 _FILTERS = ", ".join(
-    f"{one.name} ({unit})" if (unit := said_of(one).unit) else one.name for one in fields(PreprocessingChoices)
+    f"{filter_field.name} ({unit})" if (unit := said_of(filter_field).unit) else filter_field.name
+    for filter_field in fields(PreprocessingChoices)
 )
 
 
@@ -59,8 +60,8 @@ def identify(
     robot: RobotArgument,
     measurements: Measurements,
     reading: RobotReading,
-    beside: Beside,
-    asked: Annotated[Typed, Asks(IdentificationChoices)],
+    further: Beside,
+    request_options: Annotated[Typed, Asks(IdentificationChoices)],
     result: Result,
 ) -> None:
     """Identify the base parameters of a robot."""
@@ -72,17 +73,17 @@ def identify(
     from dynident_service.cli import inputs, parsing, shown, telling
 
     machine = inputs.robot_of(robot, reading)
-    chosen = inputs.effects_of(beside.effects, machine) or DEFAULT_EFFECTS
-    unfiltered = asked.request(IdentificationChoices, effects=chosen)
-    everything = [*measurements, *beside.friction]
-    with inputs.read("identify", everything, machine, reading, beside.validation, beside.friction) as read:
-        wanted = parsing.preprocessing_request(beside.preprocessing)
-        recordings, tried = read.recordings, read.other_recordings
-        filters = None if wanted == "auto" else preprocessing_from_request(wanted, recordings)
+    chosen_effects = inputs.effects_of(further.effects, machine) or DEFAULT_EFFECTS
+    unfiltered = request_options.request(IdentificationChoices, effects=chosen_effects)
+    everything = [*measurements, *further.friction]
+    with inputs.read("identify", everything, machine, reading, further.validation, further.friction) as data:
+        preprocessing = parsing.preprocessing_request(further.preprocessing)
+        recordings, held_out = data.recordings, data.other_recordings
+        filters = None if preprocessing == "auto" else preprocessing_from_request(preprocessing, recordings)
         choices = replace(unfiltered, preprocessing=filters)
-        found = identify_model(machine, recordings, tried, choices, read.progress)
-        checks = {item.recording.name: item.checks for item in (*read.given, *read.others)}
-        judged = verdict(found, recordings, tried, checks)
+        identification = identify_model(machine, recordings, held_out, choices, data.progress)
+        checks = {item.recording.name: item.checks for item in (*data.given, *data.others)}
+        model_verdict = verdict(identification, recordings, held_out, checks)
 
     def described() -> dict[str, object]:
         from dynident_service.adapters.identifications import describe_identification
@@ -91,19 +92,19 @@ def identify(
         from dynident_service.models.common import plain
 
         return {
-            **plain(describe_identification(found, None)),
-            "verdict": plain(show_verdict(judged)),
+            **plain(describe_identification(identification, None)),
+            "verdict": plain(show_verdict(model_verdict)),
             "measurements": [
                 {"name": item.recording.name, "checks": [plain(check) for check in show_checks(item.checks)]}
-                for item in [*read.given, *read.others]
+                for item in [*data.given, *data.others]
             ],
         }
 
     def show(console: Console) -> None:
-        shown.show_measurements(console, read.given, read.others)
-        shown.show_identification(console, found)
-        shown.show_verdict(console, judged)
+        shown.show_measurements(console, data.given, data.others)
+        shown.show_identification(console, identification)
+        shown.show_verdict(console, model_verdict)
 
-    telling.tell(result, "model", described, show, lambda: to_bytes(found))
-    if judged.stop is not None:
+    telling.tell(result, "model", described, show, lambda: to_bytes(identification))
+    if model_verdict.stop is not None:
         raise typer.Exit(shown.STOPPED)

@@ -24,7 +24,7 @@ def inspect(
         typer.Argument(metavar="FILE", help="A recording, as a robot or a logger wrote it.", show_default=False),
         TO_READ,
     ],
-    beside_it: Beside,
+    additions: Beside,
     robot: Annotated[
         str | None,
         typer.Option(
@@ -46,37 +46,39 @@ def inspect(
     from dynident.identification.imports import inspect_file
     from dynident_service.cli import files, inputs, metadata, telling
 
-    machine = None if robot is None else inputs.robot_of(robot, beside_it)
-    found = inspect_file(file, machine, rate)
-    if found.proposal is not None:
+    machine = None if robot is None else inputs.robot_of(robot, additions)
+    inspection = inspect_file(file, machine, rate)
+    if inspection.proposal is not None:
         if as_proposed:
-            metadata.as_proposed(file, found, has_gains=True)
+            metadata.as_proposed(file, inspection, has_gains=True)
         if out is not None:
-            document = json.dumps(metadata.proposed(found, rate), indent=2, ensure_ascii=False)
+            document = json.dumps(metadata.proposed(inspection, rate), indent=2, ensure_ascii=False)
             files.write_whole(out, encode_text(f"{document}\n"))
-    written = () if out is None or found.proposal is None else (f"proposal written to {out}",)
-    telling.say(as_json, lambda: _document(found), lambda console: _show(console, found), *written)
+    messages = () if out is None or inspection.proposal is None else (f"proposal written to {out}",)
+    telling.say(as_json, lambda: _document(inspection), lambda console: _show(console, inspection), *messages)
 
 
-def _document(found: Inspection) -> dict[str, Any]:
+def _document(inspection: Inspection) -> dict[str, Any]:
     from dynident_service.adapters.imports import describe_inspection
 
-    return describe_inspection(found, found.sha256).model_dump(mode="json")
+    return describe_inspection(inspection, inspection.sha256).model_dump(mode="json")
 
 
-def _show(console: Console, found: Inspection) -> None:
+def _show(console: Console, inspection: Inspection) -> None:
     from dynident_service.cli import terminal
 
-    console.print(f"{found.format}, {len(found.columns)} columns, {found.n_rows_seen} rows looked at")
-    if found.proposal is None:
-        console.print(", ".join(found.columns), soft_wrap=True)
+    console.print(f"{inspection.format}, {len(inspection.columns)} columns, {inspection.n_rows_seen} rows looked at")
+    if inspection.proposal is None:
+        console.print(", ".join(inspection.columns), soft_wrap=True)
         console.print("Say whose recording it is, --robot ROBOT, to have the columns told.")
         return
-    rows = [[one.field, one.value, f"{one.confidence:.0%}", one.reason] for one in found.proposal.guesses]
+    rows = [
+        [guess.field, guess.value, f"{guess.confidence:.0%}", guess.reason] for guess in inspection.proposal.guesses
+    ]
     table = terminal.table("", ("field", "guess", "sure", "why"), rows, right_from=4)
     console.print(table)
-    for one in found.proposal.questions:
-        choices = f" ({', '.join(one.choices[:8])})" if one.choices else ""
-        console.print(f"? {one.field}: {one.detail}{choices}", soft_wrap=True)
-    if not found.proposal.questions:
+    for question in inspection.proposal.questions:
+        choices = f" ({', '.join(question.choices[:8])})" if question.choices else ""
+        console.print(f"? {question.field}: {question.detail}{choices}", soft_wrap=True)
+    if not inspection.proposal.questions:
         console.print("Nothing is to be answered: identify with --as-proposed.")

@@ -29,23 +29,23 @@ def ladder(
     from dynident_service.cli import inputs, shown, telling
     from dynident_service.models.identifications import Lineage
 
-    found = inputs.model_of(model)
+    identification = inputs.model_of(model)
     other = None if against is None else inputs.model_of(against)
-    if other is not None and other.model.robot.joint_names != found.model.robot.joint_names:
+    if other is not None and other.model.robot.joint_names != identification.model.robot.joint_names:
         raise DynidentError(f"{against} is a model of another robot", pointer="--against", title="Another robot")
 
     def described() -> Lineage:
-        own = rungs_of(found, model.stem)
+        own = rungs_of(identification, model.stem)
         if other is None or against is None:
             return Lineage(items=own)
-        known = (one.data for top in (found, other) for one in top.ladder())
-        data = {(one.measurement_names, one.validation_names) for one in known}
-        return beside(own, rungs_of(other, against.stem, (found, model.stem)), len(data) == 1)
+        data_sets = (step.data for top in (identification, other) for step in top.ladder())
+        data = {(data_set.measurement_names, data_set.validation_names) for data_set in data_sets}
+        return beside(own, rungs_of(other, against.stem, (identification, model.stem)), len(data) == 1)
 
     def show(console: Console) -> None:
         if other is None or against is None:
-            shown.show_ladder(console, found)
+            shown.show_ladder(console, identification)
         else:
-            shown.show_ladders(console, (model.stem, found), (against.stem, other))
+            shown.show_ladders(console, (model.stem, identification), (against.stem, other))
 
     telling.say(as_json, described, show)

@@ -15,8 +15,8 @@ def remove(model: ModelArgument, effects: Effects, result: Result) -> None:
     from dynident_service.cli import inputs, telling
 
     identification = inputs.model_of(model)
-    taken = inputs.named_effects(effects)
-    if not taken:
+    removed = inputs.named_effects(effects)
+    if not removed:
         raise DynidentError("say what to remove: --effects", pointer="--effects")
-    found = remove_effects(identification, taken)
-    telling.tell_rung(result, found, model.stem, identification)
+    reduced_model = remove_effects(identification, removed)
+    telling.tell_rung(result, reduced_model, model.stem, identification)

@@ -38,8 +38,8 @@ def report(
     measurements: Measurements,
     validation: Validation,
     reading: Reading,
-    shown: _Shown,
-    asked: Annotated[Typed, Asks(ReportChoices)],
+    extras: _Shown,
+    request_options: Annotated[Typed, Asks(ReportChoices)],
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="The HTML file, or with this ending the PDF: .pdf.")
     ] = Path("report.html"),
@@ -55,18 +55,18 @@ def report(
     from dynident_service.cli.validating import stored_validation
 
     prints = out.suffix.lower() == ".pdf"
-    choices = asked.request(ReportChoices, format="pdf" if prints else "html")
+    choices = request_options.request(ReportChoices, format="pdf" if prints else "html")
     identification = inputs.model_of(model)
-    found = inputs.stored_diagnosis(shown.diagnosis) if shown.diagnosis is not None else None
+    diagnosis = inputs.stored_diagnosis(extras.diagnosis) if extras.diagnosis is not None else None
     joints = identification.model.robot.joint_names
-    validations = [reported(stored_validation(path), joints) for path in shown.validated or []]
-    with inputs.read("report", measurements, identification.model.robot, reading, validation, share=0.4) as read:
-        check_same_recordings(identification, read.recordings)
-        runs = reported_runs(identification, read.given, read.others, part(read.progress, 0.0, 0.5))
-        read.progress(0.5, "drawing")
-        page = html_report(identification, runs, diagnosis=found, validations=validations, title=choices.name)
+    validations = [reported(stored_validation(path), joints) for path in extras.validated or []]
+    with inputs.read("report", measurements, identification.model.robot, reading, validation, share=0.4) as data:
+        check_same_recordings(identification, data.recordings)
+        runs = reported_runs(identification, data.given, data.others, part(data.progress, 0.0, 0.5))
+        data.progress(0.5, "drawing")
+        page = html_report(identification, runs, diagnosis=diagnosis, validations=validations, title=choices.name)
         content = pdf_of(page) if prints else encode_text(page)
     files.write_whole(out, content)
     document = {"path": str(out), "size": len(content), "media_type": MEDIA_TYPES[choices.format]}
-    written = f"report written to {out} ({len(content) / 1e6:.2f} MB)"
-    telling.say(as_json, lambda: document, lambda _: None, written)
+    message = f"report written to {out} ({len(content) / 1e6:.2f} MB)"
+    telling.say(as_json, lambda: document, lambda _: None, message)

@@ -50,17 +50,17 @@ def series(
         tables.check_ending(out)
     with terminal.progress_bar("compare the days") as progress:
         measure, measured = days_of(identification, days, reading, keep, part(progress, 0.0, 0.5))
-        found = series_of(measure, measured, part(progress, 0.5, 1.0))
+        monitored = series_of(measure, measured, part(progress, 0.5, 1.0))
     if keep is not None:
         files.write_whole(keep, days_to_bytes(measure, measured))
     if figure is not None:
-        files.write_whole(figure, encode_text(str(courses_figure(found))))
+        files.write_whole(figure, encode_text(str(courses_figure(monitored))))
     if out is not None:
-        tables.write_table(tables.courses_table(found), out)
-    told = ((keep, f"{len(measured)} days kept in"), (figure, "drawn in"), (out, "courses written to"))
+        tables.write_table(tables.courses_table(monitored), out)
+    outputs = ((keep, f"{len(measured)} days kept in"), (figure, "drawn in"), (out, "courses written to"))
     telling.say(
         as_json,
-        lambda: describe_series(found),
-        lambda console: shown.show_series(console, found, identification.model.robot),
-        *(f"{what} {path}" for path, what in told if path is not None),
+        lambda: describe_series(monitored),
+        lambda console: shown.show_series(console, monitored, identification.model.robot),
+        *(f"{label} {path}" for path, label in outputs if path is not None),
     )

@@ -25,5 +25,5 @@ def serve(
     from dynident_service.serve import serve as run
     from dynident_service.settings import load_settings
 
-    given = {"host": host, "port": port, "data_dir": data_dir, "workers": workers}
-    run(load_settings(**{name: value for name, value in given.items() if value is not None}))
+    options = {"host": host, "port": port, "data_dir": data_dir, "workers": workers}
+    run(load_settings(**{name: value for name, value in options.items() if value is not None}))

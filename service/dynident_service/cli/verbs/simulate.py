@@ -15,7 +15,7 @@ from dynident_service.cli.options import Beside, Json, RobotArgument, SomeFile, 
 
 def simulate(
     robot: RobotArgument,
-    beside_it: Beside,
+    additions: Beside,
     effects: Annotated[
         list[str],
         several(
@@ -25,7 +25,7 @@ def simulate(
             "stribeck@joint2:Fst=3,vs=0.05. Of a usual size where no values are given. payload:run=2: in run 2 alone.",
         ),
     ],
-    asked: Annotated[Typed, Asks(Simulated, but=("effects", "sampling_rate"))],
+    request_options: Annotated[Typed, Asks(Simulated, but=("effects", "sampling_rate"))],
     rate: Annotated[float, typer.Option("--rate", help="Sampling rate of the sensors in Hz.")] = 500.0,
     trajectory: Annotated[
         SomeFile,
@@ -48,22 +48,24 @@ def simulate(
     from dynident_service.cli import inputs, tables, telling, terminal, virtual
 
     tables.check_ending(out)
-    machine = inputs.robot_of(robot, beside_it)
-    stated = asked.request(Simulated)
+    machine = inputs.robot_of(robot, additions)
+    request = request_options.request(Simulated)
     hidden = true_effects(virtual.acting_effects(effects), machine)
     with terminal.progress_bar("simulate") as progress:
-        reference = virtual.reference_of(trajectory, machine, stated.seed, part(progress, 0.0, 0.2))
-        usual = simulation_of(stated, machine, reference, rate)
-        found = simulate_robot(machine, replace(usual, effects=beside(usual.effects, hidden)), part(progress, 0.2, 1.0))
-    tables.write_table(measurement_table(found), out)
+        reference = virtual.reference_of(trajectory, machine, request.seed, part(progress, 0.0, 0.2))
+        simulation = simulation_of(request, machine, reference, rate)
+        measurement = simulate_robot(
+            machine, replace(simulation, effects=beside(simulation.effects, hidden)), part(progress, 0.2, 1.0)
+        )
+    tables.write_table(measurement_table(measurement), out)
     rows = [
-        [joint.name, f"{found.noise[j]:.3g} {joint.effort_unit}", f"{found.tracking_error[j]:.2g}"]
+        [joint.name, f"{measurement.noise[j]:.3g} {joint.effort_unit}", f"{measurement.tracking_error[j]:.2g}"]
         for j, joint in enumerate(machine.joints)
     ]
     columns = ("joint", "torque noise, standard deviation", "largest distance from the trajectory (rad or m)")
     telling.say(
         as_json,
-        lambda: describe_simulation(found, rate),
+        lambda: describe_simulation(measurement, rate),
         lambda console: console.print(terminal.table("", columns, rows)),
-        f"{found.n_samples} samples at {rate:g} Hz written to {out}",
+        f"{measurement.n_samples} samples at {rate:g} Hz written to {out}",
     )

@@ -34,8 +34,8 @@ class Beside:
 def validate(
     model: ModelArgument,
     kind: Annotated[str, typer.Argument(metavar="KIND", help=f"One of: {TRIALS.told()}.", show_default=False)],
-    asked: Annotated[Typed, Asks(Stated)],
-    beside: Beside,
+    request_options: Annotated[Typed, Asks(Stated)],
+    further: Beside,
     reading: Reading,
     result: Result,
     measurements: Annotated[
@@ -57,23 +57,25 @@ def validate(
     from dynident_service.cli import inputs, shown_validations, telling, validating
 
     identification = inputs.model_of(model)
-    stated: Any = asked.request(Stated, methods=validating.methods_of(beside.methods or []))
+    options: Any = request_options.request(Stated, methods=validating.methods_of(further.methods or []))
     try:
-        trial = trial_of(kind, {one.name: getattr(stated, one.name) for one in fields(stated)})
+        trial = trial_of(
+            kind, {option_field.name: getattr(options, option_field.name) for option_field in fields(options)}
+        )
     except DynidentError as error:
         option = error.pointer.replace("/kind", "KIND").replace("/", "--")
         raise DynidentError(error.detail, pointer=option, title="Unusable option") from error
-    given = measurements or []
-    others = [*beside.validation, *(beside.unloaded or [])]
-    validating.check(trial, len(given), len(others))
+    paths = measurements or []
+    others = [*further.validation, *(further.unloaded or [])]
+    validating.check(trial, len(paths), len(others))
     robot = identification.model.robot
-    with inputs.read("validate", given, robot, reading, others, share=0.3) as read:
-        found = validating.run(identification, trial, read.recordings, read.other_recordings, read.progress)
+    with inputs.read("validate", paths, robot, reading, others, share=0.3) as data:
+        outcome = validating.run(identification, trial, data.recordings, data.other_recordings, data.progress)
     telling.tell(
         result,
         "result",
-        lambda: found,
-        lambda console: shown_validations.show_validation(console, found, robot),
+        lambda: outcome,
+        lambda console: shown_validations.show_validation(console, outcome, robot),
     )
-    if found.verdict == "fail":
+    if outcome.verdict == "fail":
         raise typer.Exit(1)

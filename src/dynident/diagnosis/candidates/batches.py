@@ -39,13 +39,13 @@ def extra_columns(candidates: Sequence[Candidate]) -> IndexArray:
 
 def batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[Batch, ...]:
     """The candidates by their number of columns, in handy portions."""
-    made: list[Batch] = []
+    portions: list[Batch] = []
     for width in sorted({len(candidate.columns) for candidate in candidates}):
         members = np.array([i for i, c in enumerate(candidates) if len(c.columns) == width], dtype=np.intp)
         columns = np.searchsorted(extra, np.array([candidates[i].columns for i in members], dtype=np.intp))
         starts = range(0, len(members), _CHUNK)
-        made += [Batch(members[k : k + _CHUNK], columns[k : k + _CHUNK].reshape(-1, width)) for k in starts]
-    return tuple(made)
+        portions += [Batch(members[k : k + _CHUNK], columns[k : k + _CHUNK].reshape(-1, width)) for k in starts]
+    return tuple(portions)
 
 
 def by_portion(values: FloatArray, portions: Sequence[Batch]) -> tuple[FloatArray, ...]:
@@ -75,9 +75,9 @@ class Amplitudes:
         """(r,): candidates that have any of some `columns` (x,), by number; (r, x): makes of these one for each."""
         if self._mixing.shape[0] <= _FEW:
             return np.arange(self._mixing.shape[0]), self._dense[:, columns]
-        taken = self._mixing[:, columns]
-        rows = np.flatnonzero(np.diff(taken.indptr))
-        return rows, taken[rows]
+        selected = self._mixing[:, columns]
+        rows = np.flatnonzero(np.diff(selected.indptr))
+        return rows, selected[rows]
 
     @cached_property
     def _dense(self) -> FloatArray:

@@ -37,15 +37,15 @@ class Stretches:
 
     def of(self, t: FloatArray) -> IndexArray:
         """(m,): the stretch of each of these times, which go on from those before."""
-        found = np.zeros(len(t), dtype=np.intp)
+        numbers = np.zeros(len(t), dtype=np.intp)
         first = 0
         while first < len(t):
             if t[first] >= self._end:
                 self._begin(float(t[first]))
             last = first + max(1, int(np.searchsorted(t[first:], self._end)))
-            found[first:last] = self._now
+            numbers[first:last] = self._now
             first = last
-        return found
+        return numbers
 
     def runs(self) -> IndexArray:
         """(s,): which run every stretch is of, by number."""

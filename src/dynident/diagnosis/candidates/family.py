@@ -50,6 +50,7 @@ def chance_of(gains: FloatArray) -> float:
 def _turns(n_stretches: int) -> FloatArray:
     """(draws, s): turns of the signs, of which the first turns none."""
     signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(DRAWS, n_stretches))
+    # The observed signs count as one of the draws, so that no p is zero.
     signs[0] = 1.0
     return signs
 
@@ -69,9 +70,9 @@ def _of_scores(scores: Sequence[FloatArray], signs: FloatArray) -> FloatArray:
     for width in {each.shape[1] for each in scores}:
         members = [k for k, each in enumerate(scores) if each.shape[1] == width]
         for first in range(0, len(members), _TOGETHER):
-            some = members[first : first + _TOGETHER]
-            values = _standardised(np.array([scores[k] for k in some]), signs)
-            own[some] = values[0]
+            batch = members[first : first + _TOGETHER]
+            values = _standardised(np.array([scores[k] for k in batch]), signs)
+            own[batch] = values[0]
             largest = np.maximum(largest, values.max(axis=1))
     return _reached(own, largest)
 

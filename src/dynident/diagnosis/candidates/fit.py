@@ -54,8 +54,8 @@ class Sums:
             (self.wy - other.wy) * seen,
             self.xy - other.xy,
             tuple(
-                (mine - theirs) * (kept[:, :, None] & kept[:, None, :])
-                for mine, theirs, kept in zip(self.xx, other.xx, own, strict=True)
+                (mine - theirs) * (is_present[:, :, None] & is_present[:, None, :])
+                for mine, theirs, is_present in zip(self.xx, other.xx, own, strict=True)
             ),
         )
 
@@ -73,18 +73,20 @@ class StretchesFit:
 
     def __init__(self, sums: Sums, portions: Sequence[Batch]) -> None:
         scale = np.sqrt(np.maximum(np.diag(sums.ww), np.finfo(float).tiny))
+        # Columns are scaled to one, since parameters have different units; the small ridge keeps columns that a fold
+        # lacks solvable.
         normal = sums.ww / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
         solved = _solution(normal, np.column_stack([sums.wy, sums.wx]) / scale[:, None]) / scale[:, None]
         self.chi, self.projection = solved[:, 0], solved[:, 1:]
         right = sums.xy - sums.wx.T @ self.chi
         self._right, self._rest, self._whole = [], [], []
         for portion, own in zip(portions, sums.xx, strict=True):
-            said = sums.wx.T[portion.columns] @ self.projection.T[portion.columns].transpose(0, 2, 1)
+            explained = sums.wx.T[portion.columns] @ self.projection.T[portion.columns].transpose(0, 2, 1)
             squares = np.einsum("gkk->gk", own)
-            seen = squares > 0
-            self._rest.append((own - said) * (seen[:, :, None] & seen[:, None, :]))
+            is_present = squares > 0
+            self._rest.append((own - explained) * (is_present[:, :, None] & is_present[:, None, :]))
             self._whole.append(np.maximum(squares, np.finfo(float).tiny))
-            self._right.append(right[portion.columns] * seen)
+            self._right.append(right[portion.columns] * is_present)
 
     def amplitudes(self, number: int) -> FloatArray:
         """(g, k): parameters of a portion's candidates, each fitted beside the model."""
@@ -100,8 +102,8 @@ class StretchesFit:
         """(g, k, k): directions among a candidate's columns in which what is left of them beside the model is one."""
         scale, normal = self._scaled(number)
         values, vectors = np.linalg.eigh(normal)
-        kept = values > np.maximum(_RANK * values[:, -1:], _OWN_RIDGE)
-        root = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
+        is_determined = values > np.maximum(_RANK * values[:, -1:], _OWN_RIDGE)
+        root = np.where(is_determined, 1.0 / np.sqrt(np.where(is_determined, values, 1.0)), 0.0)
         return np.asarray(vectors * root[:, None, :] / scale[:, :, None])
 
     def separability(self, number: int) -> FloatArray:

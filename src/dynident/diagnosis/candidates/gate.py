@@ -199,15 +199,15 @@ def simplest(judged: Sequence[JudgedCandidate]) -> tuple[JudgedCandidate, tuple[
     Fewer columns are preferred as long as what more of them gain would not pass the gate itself; among equally many
     the larger gain decides.
     """
-    ordered = sorted(judged, key=lambda item: -item.total_gain)
+    ordered = sorted(judged, key=lambda scored: -scored.total_gain)
     best = ordered[0]
-    plain = [item for item in ordered if item is best or not _beats(best, item)]
-    slimmest = min(item.complexity for item in plain)
-    slim = [item for item in plain if item.complexity == slimmest]
+    plain = [scored for scored in ordered if scored is best or not _beats(best, scored)]
+    slimmest = min(scored.complexity for scored in plain)
+    slim = [scored for scored in plain if scored.complexity == slimmest]
     # Of those on other joints that gain as much, the one whose gain is most even: on a wrong joint gains are by chance.
-    elsewhere = [item for item in slim if item.candidate.joints != slim[0].candidate.joints]
-    chosen = max([slim[0], *(item for item in elsewhere if indistinguishable(slim[0], item))], key=lambda i: i.t)
-    return chosen, tuple(item for item in ordered if item is not chosen and indistinguishable(chosen, item))
+    elsewhere = [scored for scored in slim if scored.candidate.joints != slim[0].candidate.joints]
+    chosen = max([slim[0], *(scored for scored in elsewhere if indistinguishable(slim[0], scored))], key=lambda i: i.t)
+    return chosen, tuple(scored for scored in ordered if scored is not chosen and indistinguishable(chosen, scored))
 
 
 def _beats(best: JudgedCandidate, simpler: JudgedCandidate) -> bool:
@@ -218,8 +218,8 @@ def _beats(best: JudgedCandidate, simpler: JudgedCandidate) -> bool:
 def gains_more(best: JudgedCandidate, simpler: JudgedCandidate) -> bool:
     """Whether a candidate removes so much more of the error than another that it may be more complex."""
     difference = best.gains - simpler.gains
-    left = float(simpler.after_weighted.sum())
+    remaining = float(simpler.after_weighted.sum())
     more = float(difference.sum())
     if more >= _MUCH_MORE * best.total_gain:
         return True
-    return more >= SMALLEST_DROP * left and more >= _HARDLY_MORE * best.total_gain and t_of(difference) >= 2.0
+    return more >= SMALLEST_DROP * remaining and more >= _HARDLY_MORE * best.total_gain and t_of(difference) >= 2.0

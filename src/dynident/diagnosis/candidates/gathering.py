@@ -138,30 +138,30 @@ def gather(
     total = sum(used_duration(recording) for recording in recordings)
     usual = max(_FINER * stretch_length(recordings), total / _MOST)
     repeats = [periods_of(recording) for recording in recordings]
-    several = sum(1 + MANY * len(periods) for each in repeats for periods in each)
+    n_periodic = sum(1 + MANY * len(periods) for each in repeats for periods in each)
     stretches = Stretches(usual, _LONG * width)
-    collected = Collected([len(columns) for _, columns in layout], _KINDS, int(total / usual) + several)
+    collected = Collected([len(columns) for _, columns in layout], _KINDS, int(total / usual) + n_periodic)
     done, free = 0.0, np.ones(n, dtype=bool)
     for recording, periods in zip(recordings, repeats, strict=True):
         phases = RowPhases.of(observation, recording, preprocessing, n_base).about(frictional)
         free &= phases.free
         if samples_of is None:
-            given: Iterable[FilteredSamples] = filtered_samples(
+            samples_of_recording: Iterable[FilteredSamples] = filtered_samples(
                 observation, recording, preprocessing, reference, phases=phases
             )
         else:
-            given = samples_of(recording)
+            samples_of_recording = samples_of(recording)
         segment = -1
-        for samples in given:
+        for samples in samples_of_recording:
             if samples.segment != segment:
                 segment = samples.segment
                 stretches.begin_run(recording.run_label(segment), periods[segment])
             phase = phases.at(segment, samples.t)
-            beside = phases.partial(segment, samples.t, phase, samples.held)
+            partial_rows = phases.partial(segment, samples.t, phase, samples.held)
             collected.push(
                 stretches.of(samples.t),
                 samples.rows(layout),
-                (phase == Phase.MOVING, phase == Phase.REVERSING, beside),
+                (phase == Phase.MOVING, phase == Phase.REVERSING, partial_rows),
             )
             progress(min(1.0, (done + samples.t[-1] - recording.segments[0].start_time) / total), recording.name)
         done += used_duration(recording)
@@ -183,9 +183,9 @@ def _places(columns: IndexArray, count: int) -> IndexArray:
 
 def _remembering(observation: Observation, signals: Signals) -> BoolArray:
     """(columns, n): which columns are functions of a joint's path."""
-    found = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
+    has_memory = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
     if observation.memory:
         for k, column in enumerate(observation.columns):
             for signal in signals.memory_in(column.torque):
-                found[k, list(observation.robot.position_movers(signal.joint))] = True
-    return found
+                has_memory[k, list(observation.robot.position_movers(signal.joint))] = True
+    return has_memory

@@ -21,23 +21,23 @@ _DEVIATIONS, _CORRELATION = 2.0, 10.0
 
 
 def plausible(
-    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, item: JudgedCandidate
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: JudgedCandidate
 ) -> bool:
     """Whether a candidate beside the model `base` is physically possible with the amplitudes that the data ask for."""
-    columns = np.array(base + item.candidate.columns, dtype=np.intp)
+    columns = np.array(base + scored.candidate.columns, dtype=np.intp)
     rows = data.of(columns)
     values, doubts = _fit(rows, columns, noise)
-    if effect_by_id(item.candidate.effect).is_friction and not _passive(rows, pool, columns, values, item):
+    if effect_by_id(scored.candidate.effect).is_friction and not _passive(rows, pool, columns, values, scored):
         return False
     estimates = _estimates(values, doubts)
-    if effect_by_id(item.candidate.effect).is_friction and not _friction_left(pool, base, estimates, item):
+    if effect_by_id(scored.candidate.effect).is_friction and not _friction_left(pool, base, estimates, scored):
         return False
     own = estimates[len(base) :]
-    if pool.is_change(item.candidate):
+    if pool.is_change(scored.candidate):
         # Filtered rows of two days differ more than those of one: what they tell of a difference says its own doubt.
-        told = deviations(Blocks.of(rows, columns[: len(base)], [item.candidate]), 1, noise)[0]
-        return _may_change(pool, base, item, _estimates(values[len(base) :], told))
-    return all(effect_by_id(item.candidate.effect).natural(known) for _, known in _by_link(pool, item, own))
+        difference_deviations = deviations(Blocks.of(rows, columns[: len(base)], [scored.candidate]), 1, noise)[0]
+        return _may_change(pool, base, scored, _estimates(values[len(base) :], difference_deviations))
+    return all(effect_by_id(scored.candidate.effect).natural(known) for _, known in _by_link(pool, scored, own))
 
 
 def _estimates(values: FloatArray, deviations: FloatArray) -> list[Estimate]:
@@ -48,36 +48,36 @@ def _estimates(values: FloatArray, deviations: FloatArray) -> list[Estimate]:
 
 
 def _by_link(
-    pool: Pool, item: JudgedCandidate, own: Sequence[Estimate]
+    pool: Pool, scored: JudgedCandidate, own: Sequence[Estimate]
 ) -> Iterable[tuple[str, Mapping[str, Estimate]]]:
     """A candidate's parameters by name, on each joint that it sits on."""
-    found: dict[str, dict[str, Estimate]] = {}
-    for k, estimate in zip(item.candidate.columns, own, strict=True):
+    by_link: dict[str, dict[str, Estimate]] = {}
+    for k, estimate in zip(scored.candidate.columns, own, strict=True):
         column = pool.observation.columns[k]
-        found.setdefault(column.link, {})[column.parameter] = estimate
-    return found.items()
+        by_link.setdefault(column.link, {})[column.parameter] = estimate
+    return by_link.items()
 
 
-def _may_change(pool: Pool, base: tuple[int, ...], item: JudgedCandidate, own: Sequence[Estimate]) -> bool:
+def _may_change(pool: Pool, base: tuple[int, ...], scored: JudgedCandidate, own: Sequence[Estimate]) -> bool:
     """Whether the later days may differ so: by less, too, where there is something to lose.
 
     Friction wears in, a mass is taken off; what the other days do not have can only be added.
     """
-    effect = effect_by_id(item.candidate.effect)
+    effect = effect_by_id(scored.candidate.effect)
     columns = [pool.observation.columns[k] for k in base]
     had = {column.link for column in columns if column.effect == effect.id}
     return all(
         effect.may_change_so(known) and (link in had or effect.natural(known))
-        for link, known in _by_link(pool, item, own)
+        for link, known in _by_link(pool, scored, own)
     )
 
 
-def _friction_left(pool: Pool, base: tuple[int, ...], estimates: Sequence[Estimate], item: JudgedCandidate) -> bool:
+def _friction_left(pool: Pool, base: tuple[int, ...], estimates: Sequence[Estimate], scored: JudgedCandidate) -> bool:
     """Whether the friction that the model has on a candidate's joints keeps its sign beside it.
 
     A large power of the velocity less a large multiple of the velocity fits a bend, and says nothing of other speeds.
     """
-    joints = {pool.observation.robot.joint_names[j] for j in item.joints}
+    joints = {pool.observation.robot.joint_names[j] for j in scored.joints}
     for k, estimate in zip(base, estimates, strict=False):
         column = pool.observation.columns[k]
         effect = effect_by_id(column.effect)
@@ -88,12 +88,12 @@ def _friction_left(pool: Pool, base: tuple[int, ...], estimates: Sequence[Estima
     return True
 
 
-def _passive(data: Products, pool: Pool, columns: IndexArray, values: FloatArray, item: JudgedCandidate) -> bool:
+def _passive(data: Products, pool: Pool, columns: IndexArray, values: FloatArray, scored: JudgedCandidate) -> bool:
     """Whether friction still takes energy from every joint on the whole, with the candidate's friction among it.
 
     The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each stretch.
     """
-    for j in item.joints:
+    for j in scored.joints:
         where = data.position[j]
         coulomb = columns[pool.is_dry[columns] & (where[columns] >= 0)]
         friction = np.flatnonzero(pool.is_friction[columns] & (where[columns] >= 0))

@@ -57,7 +57,11 @@ class Pool:
     @property
     def at_first(self) -> list[Candidate]:
         """The candidates that a search begins with: those that may last, and are not faint."""
-        return [one for one in self.candidates if not effect_by_id(one.effect).is_transient and one not in self.faint]
+        return [
+            candidate
+            for candidate in self.candidates
+            if not effect_by_id(candidate.effect).is_transient and candidate not in self.faint
+        ]
 
     @cached_property
     def is_friction(self) -> BoolArray:
@@ -71,7 +75,7 @@ class Pool:
 
     def candidate(self, choice: EffectChoice) -> Candidate | None:
         """The candidate of a choice; none where all its columns are the model's, or zero."""
-        return next((one for one in self.candidates if one.choice == choice), None)
+        return next((candidate for candidate in self.candidates if candidate.choice == choice), None)
 
     def is_change(self, candidate: Candidate) -> bool:
         """Whether a candidate is something that the later runs have and the others have not."""
@@ -98,14 +102,14 @@ def build_pool(
     """
     # The links and rotors are the model itself: without them nothing can be diagnosed.
     chosen = [CATALOGUE[name] for name in (effects or CATALOGUE) if not CATALOGUE[name].is_inertia]
-    given = leads or Leads()
-    choices = [choice for effect in chosen for choice in _choices(effect, model, given)]
-    shown = [choice for choice in choices if resolved is None or shows(choice, model.robot, resolved)]
-    changed = [choice for effect in chosen if effect.may_change for choice in changes_in(effect, model, given)]
-    pool = pool_of(model, [*shown, *changed])
-    faint = _among(pool, chosen, model, given.angle_lines.faint)
-    clear = _among(pool, chosen, model, given.angle_lines.clear)
-    return replace(pool, since=given.since, faint=faint - clear)
+    proposals = leads or Leads()
+    choices = [choice for effect in chosen for choice in _choices(effect, model, proposals)]
+    resolvable = [choice for choice in choices if resolved is None or shows(choice, model.robot, resolved)]
+    changed = [choice for effect in chosen if effect.may_change for choice in changes_in(effect, model, proposals)]
+    pool = pool_of(model, [*resolvable, *changed])
+    faint = _among(pool, chosen, model, proposals.angle_lines.faint)
+    clear = _among(pool, chosen, model, proposals.angle_lines.clear)
+    return replace(pool, since=proposals.since, faint=faint - clear)
 
 
 def _among(
@@ -113,7 +117,7 @@ def _among(
 ) -> frozenset[Candidate]:
     """The candidates that are waves over a joint's angle at these lines."""
     waves = {choice for effect in effects for choice in _waves(effect, model, lines)}
-    return frozenset(one for one in pool.candidates if one.choice in waves)
+    return frozenset(candidate for candidate in pool.candidates if candidate.choice in waves)
 
 
 def _waves(effect: Effect, model: Model, lines: Sequence[tuple[int, float]]) -> list[EffectChoice]:

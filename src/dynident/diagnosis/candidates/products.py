@@ -37,11 +37,11 @@ class Stack(Protocol):
 
 def added_up(values: FloatArray, stretch: IndexArray, n_stretches: int) -> FloatArray:
     """(…, s): values (…, m) summed over the rows of every stretch; `stretch` (m,) is ascending."""
-    found = np.zeros((*values.shape[:-1], n_stretches))
+    sums = np.zeros((*values.shape[:-1], n_stretches))
     if len(stretch):
         first = np.flatnonzero(np.diff(stretch, prepend=-1))
-        found[..., stretch[first]] = np.add.reduceat(values, first, axis=-1)
-    return found
+        sums[..., stretch[first]] = np.add.reduceat(values, first, axis=-1)
+    return sums
 
 
 class RowStack:
@@ -66,9 +66,9 @@ class RowStack:
 
     def taken(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """(s, *shape): the products at these places, whose shapes are broadcast."""
-        one, other = np.broadcast_arrays(rows, columns)
-        each = self.columns[one.ravel()] * self.columns[other.ravel()]
-        return added_up(each, self.stretch, self.n_stretches).T.reshape(self.n_stretches, *one.shape)
+        first, second = np.broadcast_arrays(rows, columns)
+        each = self.columns[first.ravel()] * self.columns[second.ravel()]
+        return added_up(each, self.stretch, self.n_stretches).T.reshape(self.n_stretches, *first.shape)
 
 
 class ProductStack:
@@ -95,8 +95,8 @@ class ProductStack:
         wide = self.values.shape[1]
         places = rows * wide + columns
         # One flat index instead of three: four times as fast.
-        found = self.values.reshape(len(self.values), wide * wide).take(places.ravel(), axis=1)
-        return np.asarray(found.reshape(len(found), *places.shape))
+        selected = self.values.reshape(len(self.values), wide * wide).take(places.ravel(), axis=1)
+        return np.asarray(selected.reshape(len(selected), *places.shape))
 
 
 @dataclass(frozen=True, eq=False)

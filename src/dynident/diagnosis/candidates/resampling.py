@@ -20,12 +20,12 @@ _MORE = 0.2
 """A candidate with more parameters takes the place of a simpler one if it gains so much more."""
 
 
-def share_found_again(found: Sequence[JudgedCandidate], rivals: Sequence[JudgedCandidate], run: IndexArray) -> float:
+def share_found_again(names: Sequence[JudgedCandidate], rivals: Sequence[JudgedCandidate], run: IndexArray) -> float:
     """Share of resamplings in which one of these names for a finding is not overtaken by another.
 
     Parameters
     ----------
-    found : sequence of JudgedCandidate
+    names : sequence of JudgedCandidate
         The names that the data do not tell apart, the chosen one first.
     rivals : sequence of JudgedCandidate
         Candidates that would take its place, beside which nothing of it is left.
@@ -34,14 +34,14 @@ def share_found_again(found: Sequence[JudgedCandidate], rivals: Sequence[JudgedC
     """
     if not rivals:
         return 1.0
-    margins = np.array([[_margin(name, item) for item in rivals] for name in found])
-    s = len(found[0].gains)
+    margins = np.array([[_margin(name, rival) for rival in rivals] for name in names])
+    s = len(names[0].gains)
     drawn = np.random.default_rng(_SEED).multinomial(s, np.full(s, 1.0 / s), size=_DRAWS).astype(np.float64)
     share = _share_not_overtaken(margins, drawn)
     runs = np.unique(run)
     if len(runs) < 2:
         return share
-    without = np.array([run != one for one in runs], dtype=np.float64)
+    without = np.array([run != left_out_run for left_out_run in runs], dtype=np.float64)
     return min(share, _share_not_overtaken(margins, without))
 
 
@@ -50,16 +50,16 @@ def _share_not_overtaken(margins: FloatArray, counts: FloatArray) -> float:
     return float((margins @ counts.T >= 0.0).all(axis=1).any(axis=0).mean())
 
 
-def other_name(chosen: JudgedCandidate, item: JudgedCandidate) -> bool:
+def other_name(chosen: JudgedCandidate, rival: JudgedCandidate) -> bool:
     """Whether a candidate would be another name: another effect, that is not known to be the same function."""
-    mine, theirs = effect_by_id(chosen.candidate.effect), effect_by_id(item.candidate.effect)
+    mine, theirs = effect_by_id(chosen.candidate.effect), effect_by_id(rival.candidate.effect)
     if theirs.id == mine.id:
         return False
     return theirs.id not in mine.same_function and mine.id not in theirs.covers and theirs.id not in mine.covers
 
 
-def _margin(chosen: JudgedCandidate, item: JudgedCandidate) -> FloatArray:
+def _margin(chosen: JudgedCandidate, rival: JudgedCandidate) -> FloatArray:
     """(s,): by how much each stretch speaks for the chosen candidate; below zero in sum it would not be chosen."""
-    if item.complexity > chosen.complexity:
-        return np.asarray(chosen.gains - (1.0 - _MORE) * item.gains)
-    return np.asarray(chosen.gains - item.gains)
+    if rival.complexity > chosen.complexity:
+        return np.asarray(chosen.gains - (1.0 - _MORE) * rival.gains)
+    return np.asarray(chosen.gains - rival.gains)

@@ -52,9 +52,9 @@ class RowBlock:
         have, wp = present(where, base)
         place, xp = standing(where, extra)
         needed = np.concatenate([wp, xp, [-1]])
-        taken = [stack.columns[needed] for stack in stacks]
+        parts = [stack.columns[needed] for stack in stacks]
         stretch = np.concatenate([stack.stretch for stack in stacks])
-        whole = taken[0] if len(taken) == 1 else np.concatenate(taken, axis=1)
+        whole = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
         if len(stacks) > 1:
             order = np.argsort(stretch, kind="stable")
             whole, stretch = whole.take(order, axis=1), stretch[order]
@@ -114,21 +114,21 @@ class RowErrors:
 
     def scores(self) -> FloatArray:
         """(s, c): Zᵀρ."""
-        found = -self._added_up(self._block.w * self._rest).T @ self._projection
-        found[:, self._has] += self._added_up(self._block.x * self._rest).T
-        return np.asarray(found)
+        scores = -self._added_up(self._block.w * self._rest).T @ self._projection
+        scores[:, self._has] += self._added_up(self._block.x * self._rest).T
+        return np.asarray(scores)
 
     def beside(self, amplitudes: Amplitudes) -> FloatArray:
         """(g, s): squared errors with each candidate, portion by portion."""
         # What a fold does not determine may be beyond all numbers elsewhere: no gain, whatever it is.
         with np.errstate(over="ignore", invalid="ignore"):
-            left = amplitudes.adapted[:, self._block.have] @ self._block.w
-            left += self._rest
+            residuals = amplitudes.adapted[:, self._block.have] @ self._block.w
+            residuals += self._rest
             # Most candidates have columns of their own on few joints.
             rows, own = amplitudes.own(self._has)
-            left[rows] -= own @ self._block.x
-            np.square(left, out=left)
-            return np.asarray(np.nan_to_num(self._added_up(left), nan=np.inf))
+            residuals[rows] -= own @ self._block.x
+            np.square(residuals, out=residuals)
+            return np.asarray(np.nan_to_num(self._added_up(residuals), nan=np.inf))
 
     def _added_up(self, values: FloatArray) -> FloatArray:
         return added_up(values, self._block.stretch, self._block.n_stretches)

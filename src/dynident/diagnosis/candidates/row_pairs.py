@@ -54,9 +54,9 @@ class Pairs:
 
     def products(self, x: FloatArray) -> FloatArray:
         """(size,): of the columns x (c, m)."""
-        found = np.zeros(self.size)
-        found[self.squares] = np.einsum("cm,cm->c", x, x)[self.own]
-        for some in self.several:
-            columns = x[some.columns]
-            found[some.where] = columns @ columns.transpose(0, 2, 1)
-        return found
+        products = np.zeros(self.size)
+        products[self.squares] = np.einsum("cm,cm->c", x, x)[self.own]
+        for group in self.several:
+            columns = x[group.columns]
+            products[group.where] = columns @ columns.transpose(0, 2, 1)
+        return products

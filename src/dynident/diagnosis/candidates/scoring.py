@@ -70,6 +70,7 @@ def scored(
     members = np.array([k for portion in blocks.portions for k in portion.members], dtype=np.intp)
     for left_out in folds_of(data, kind):
         here = blocks.at(left_out)
+        # Sums over the training blocks are those of all blocks minus those left out: no product is summed twice.
         fit = StretchesFit(total.minus(here.summed(noise)), blocks.portions)
         amplitudes = blocks.amplitudes(fit)
         for j, block in enumerate(here.joints):
@@ -78,14 +79,14 @@ def scored(
             if len(members):
                 after[members[:, None], left_out, j] = errors.beside(amplitudes)
     whole = StretchesFit(total, blocks.portions)
-    separability, found = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
+    separability, amplitudes_of = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
     for number, portion in enumerate(blocks.portions):
         separability[portion.members] = whole.separability(number)
         for member, own in zip(portion.members, whole.amplitudes(number), strict=True):
-            found[member] = own
+            amplitudes_of[member] = own
     measured = data.torque_squared()
     return before, [
-        Score(candidate, before, after[k], float(separability[k]), found[k], measured)
+        Score(candidate, before, after[k], float(separability[k]), amplitudes_of[k], measured)
         for k, candidate in enumerate(candidates)
     ]
 
@@ -106,13 +107,13 @@ def contributions(
 def contributed(blocks: Blocks, total: Sums, count: int, noise: FloatArray) -> list[FloatArray]:
     """The same of `count` candidates from the products that it takes and their sums, where they are at hand."""
     fit = StretchesFit(total, blocks.portions)
-    found = np.zeros((blocks.n_stretches, blocks.n_extra))
+    sums = np.zeros((blocks.n_stretches, blocks.n_extra))
     for block, sigma in zip(blocks.joints, noise, strict=True):
-        found += block.errors(fit).scores() / sigma**2
+        sums += block.errors(fit).scores() / sigma**2
     scores = [np.zeros((0, 0))] * count
     for number, portion in enumerate(blocks.portions):
         for member, columns, unit in zip(portion.members, portion.columns, fit.units(number), strict=True):
-            scores[member] = found[:, columns] @ unit
+            scores[member] = sums[:, columns] @ unit
     return scores
 
 
@@ -126,12 +127,12 @@ def deviations(blocks: Blocks, count: int, noise: FloatArray) -> list[FloatArray
     scores = contributed(blocks, total, count, noise)
     fit = StretchesFit(total, blocks.portions)
     more = blocks.n_stretches / max(blocks.n_stretches - 1, 1)
-    found = [np.zeros(0)] * count
+    deviations_of = [np.zeros(0)] * count
     for number, portion in enumerate(blocks.portions):
         for member, unit in zip(portion.members, fit.units(number), strict=True):
             spread = scores[member] @ unit.T
-            found[member] = np.where(_told(unit), np.sqrt(more * (spread**2).sum(axis=0)), np.inf)
-    return found
+            deviations_of[member] = np.where(_told(unit), np.sqrt(more * (spread**2).sum(axis=0)), np.inf)
+    return deviations_of
 
 
 def _told(unit: FloatArray) -> BoolArray:

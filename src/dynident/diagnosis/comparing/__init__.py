@@ -1,1 +1,1 @@
-"""Measured against predicted torque: where they differ, and how much of that is noise."""
+"""Compare measured with predicted torque: where they differ, and how much of that is noise."""

@@ -1,4 +1,4 @@
-"""How long a residual remembers: its autocorrelation, and how many independent samples it is worth."""
+"""Autocorrelation of a residual, and the number of independent samples that it is worth."""
 
 from __future__ import annotations
 
@@ -34,65 +34,71 @@ class Autocorrelation:
 def autocorrelation(
     t: FloatArray, segment: FloatArray, residual: FloatArray, longest: float = LONGEST
 ) -> Autocorrelation:
-    """Autocorrelate one joint's residual (m,) over its stretches without gaps.
+    """Compute the autocorrelation of one joint's residual (m,) over its intervals without gaps.
 
     Parameters
     ----------
     t, segment : (m,)
         Time in s and number of the segment; no product reaches across a gap.
+    residual : (m,)
     longest : float
         Longest lag, s.
+
+    Returns
+    -------
+    Autocorrelation
     """
     runs = uniform_runs(t, segment)
     parts = [residual[first:last] for first, last in runs]
     most = max((last - first for first, last in runs), default=1)
     step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
-    every = correlation(parts, most)
-    shown = every[: min(most, int(longest / step) + 1)]
+    all_lags = correlation(parts, most)
+    values = all_lags[: min(most, int(longest / step) + 1)]
     return Autocorrelation(
-        lag=step * np.arange(len(shown), dtype=np.float64),
-        value=shown,
+        lag=step * np.arange(len(values), dtype=np.float64),
+        value=values,
         limit=NORMAL_95 / float(np.sqrt(max(len(residual), 1))),
         n_samples=len(residual),
-        effective_samples=_effective(every, len(residual)),
+        effective_samples=_effective(all_lags, len(residual)),
     )
 
 
 def correlation(parts: Sequence[FloatArray], n_lags: int) -> FloatArray:
-    """(n_lags,): autocorrelation of stretches (m_i,) with a common mean, at lags of 0, 1, … samples.
+    """Return the autocorrelation (n_lags,) of intervals (m_i,) with a common mean, at lags of 0, 1, … samples.
 
     Of the two usual divisors the one that keeps it positive semidefinite: the number of samples, not of products.
     """
     mean = float(np.concatenate(parts).mean()) if parts else 0.0
     sums = np.zeros(n_lags)
     for part in parts:
+        # Padding with as many zeros keeps the end of the interval from being multiplied with its beginning.
         size = fft.next_fast_len(2 * len(part), real=True)
         power = np.abs(fft.rfft(part - mean, size)) ** 2
-        found: FloatArray = fft.irfft(power, size)[: min(n_lags, len(part))]
-        sums[: len(found)] += found
+        products: FloatArray = fft.irfft(power, size)[: min(n_lags, len(part))]
+        sums[: len(products)] += products
     if not sums[0] > 0:
         return np.asarray(np.eye(1, n_lags)[0])
     return np.asarray(sums / sums[0])
 
 
 def independent_squares(parts: Sequence[FloatArray]) -> float:
-    """How many independent samples the mean square of these stretches (m_i,) is worth: m / Σ ρ²."""
+    """Return how many independent samples the mean square of these intervals (m_i,) is worth: m / Σ ρ²."""
     count = sum(len(part) for part in parts)
     if count == 0:
         return 0.0
-    found = correlation(parts, max(len(part) for part in parts))
-    end = _end_of_memory(found)
-    return count / (1.0 + 2.0 * float((found[1:end] ** 2).sum()))
+    autocorrelations = correlation(parts, max(len(part) for part in parts))
+    end = _end_of_memory(autocorrelations)
+    return count / (1.0 + 2.0 * float((autocorrelations[1:end] ** 2).sum()))
 
 
-def _effective(found: FloatArray, count: int) -> float:
-    """m / (1 + 2 Σ ρ), at most m: a residual that alternates is not worth more than it has samples."""
-    end = _end_of_memory(found)
-    return float(min(count, count / max(1.0 + 2.0 * float(found[1:end].sum()), 1e-9)))
+def _effective(autocorrelations: FloatArray, count: int) -> float:
+    """Return m / (1 + 2 Σ ρ), at most m: a residual that alternates is not worth more than its number of samples."""
+    end = _end_of_memory(autocorrelations)
+    return float(min(count, count / max(1.0 + 2.0 * float(autocorrelations[1:end].sum()), 1e-9)))
 
 
-def _end_of_memory(found: FloatArray) -> int:
-    """The first lag where two neighbours sum to less than nothing: beyond it there is only noise (Geyer 1992)."""
-    pairs = found[: len(found) // 2 * 2].reshape(-1, 2).sum(axis=1)
+def _end_of_memory(autocorrelations: FloatArray) -> int:
+    """Return the first lag where two neighbours sum to less than zero: beyond it there is only noise (Geyer 1992)."""
+    pairs = autocorrelations[: len(autocorrelations) // 2 * 2].reshape(-1, 2).sum(axis=1)
     negative = np.flatnonzero(pairs <= 0)
-    return int(2 * negative[0]) if len(negative) else len(found)
+    return int(2 * negative[0]) if len(negative) else len(autocorrelations)

@@ -1,4 +1,4 @@
-"""Measured against predicted torque along a recording: where the model fails, joint by joint."""
+"""Compare measured with predicted torque along a recording: where the model fails, joint by joint."""
 
 from __future__ import annotations
 
@@ -87,54 +87,54 @@ class Comparison:
 
     @property
     def raw_residual(self) -> FloatArray:
-        """(m, n): measured minus predicted, also where a joint stands and the prediction has no sign of friction."""
+        """Measured minus predicted torque (m, n), also at standstill, where the prediction has no sign of friction."""
         return self.measured - self.predicted
 
     @cached_property
     def residual(self) -> FloatArray:
-        """(m, n): measured minus predicted; where a joint stands, the distance to the band; 0 of no torque."""
+        """Measured minus predicted torque (m, n); at standstill the distance to the band; 0 without known torque."""
         standing = self.phase == Phase.STANDING
         residual = np.where(standing, distance_to_band(self.measured, self.lower, self.upper), self.raw_residual)
         return np.where(self.has_torque, residual, 0.0)
 
     @property
     def has_torque(self) -> BoolArray:
-        """(m, n): rows whose torque was recorded, and may be held against the model's."""
+        """Rows (m, n) whose torque was recorded, and may be compared with the model's."""
         return np.asarray(self.phase != Phase.NO_TORQUE)
 
     @property
     def moving(self) -> BoolArray:
-        """(m, n): rows where the joint moves."""
+        """Rows (m, n) where the joint moves."""
         return np.asarray(self.phase == Phase.MOVING)
 
     @property
     def telling(self) -> BoolArray:
-        """(m, n): rows that tell what a model lacks: also where a joint turns round whose friction remembers."""
+        """Rows (m, n) that count for a diagnosis: also at reversals where the joint's friction has a path memory."""
         return np.asarray(self.moving | ((self.phase == Phase.REVERSING) & self.remembering))
 
     @cached_property
     def told(self) -> FloatArray:
-        """(m, n): the residual where it tells something of the model, zero elsewhere."""
+        """Residual (m, n) on the rows that count for a diagnosis, zero elsewhere."""
         return np.where(self.telling, self.residual, 0.0)
 
     @property
     def band(self) -> FloatArray:
-        """(m, n): half-width of the 95 % band of the residual, from parameters and residual noise."""
+        """Half-width (m, n) of the 95 % band of the residual, from parameters and residual noise."""
         return np.asarray(NORMAL_95 * np.sqrt(self.deviation**2 + self.noise**2))
 
     @cached_property
     def errors(self) -> Errors:
-        """The errors of the whole recording, per joint."""
+        """Errors on the whole recording, by joint."""
         return self._errors(self.residual, self.has_torque)
 
     @cached_property
     def moving_errors(self) -> Errors:
-        """The errors where each joint moves."""
+        """Errors where each joint moves."""
         return self._errors(self.residual, self.moving)
 
     @cached_property
     def raw_errors(self) -> Errors:
-        """The errors of the whole recording without a band at rest."""
+        """Errors on the whole recording, without a band at standstill."""
         return self._errors(self.raw_residual, self.has_torque)
 
     def _errors(self, residual: FloatArray, rows: BoolArray) -> Errors:
@@ -143,7 +143,7 @@ class Comparison:
 
     @cached_property
     def worst(self) -> tuple[WorstStretch, ...]:
-        """Half-second stretches with the largest residual, measured by the joint's own rms."""
+        """Half-second intervals with the largest residual relative to the joint's own rms."""
         borders = np.flatnonzero(np.diff(np.floor((self.t - self.t[0]) / _STRETCH)) != 0) + 1
         parts = [part for part in np.split(np.arange(len(self.t)), borders) if len(part) >= 2]
         rms = self.errors.rms
@@ -167,7 +167,11 @@ class Comparison:
         )
 
     def signal(self, name: str) -> FloatArray:
-        """(m,): a signal by name: t, or q_, dq_, ddq_, load_, tau_, temperature_ followed by a joint's name.
+        """Return a signal (m,) by name: t, or q_, dq_, ddq_, load_, tau_, temperature_ followed by a joint's name.
+
+        Parameters
+        ----------
+        name : str
 
         Raises
         ------
@@ -183,7 +187,7 @@ class Comparison:
         if kind in arrays and joint in self.joint_names:
             return np.asarray(arrays[kind][:, self.joint_names.index(joint)])
         raise DynidentError(
-            f"there is no signal {name!r}; there are t and {', '.join(f'{one}_' for one in arrays)} with one of: "
+            f"there is no signal {name!r}; there are t and {', '.join(f'{prefix}_' for prefix in arrays)} with one of: "
             f"{', '.join(self.joint_names)}",
             pointer="/x",
             title="Unknown signal",
@@ -192,7 +196,17 @@ class Comparison:
 
 @single_threaded
 def compare(identification: Identification, recording: Recording, progress: Progress = silent) -> Comparison:
-    """Predict the torque along a recording and hold it against what was measured.
+    """Predict the torque along a recording and compare it with the measured one.
+
+    Parameters
+    ----------
+    identification : Identification
+    recording : Recording
+    progress : Progress
+
+    Returns
+    -------
+    Comparison
 
     Raises
     ------
@@ -239,7 +253,7 @@ def compare(identification: Identification, recording: Recording, progress: Prog
 def _parts(
     identification: Identification, recording: Recording, progress: Progress
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
-    """Times, segment numbers and the signals side by side, as they leave the filter."""
+    """Yield times, segment numbers and the signals side by side, as they leave the filter."""
     if is_of_poses(recording):
         yield _poses(identification, recording)
         return
@@ -250,6 +264,8 @@ def _parts(
     looked_at = phases.about(phases.frictional)
     rigid = np.array([role_of(column) == "link" for column in observation.columns])
     load_values = np.where(rigid, identification.values, 0.0)
+    # At standstill friction holds anything between its two directions. So the prediction is split into what does not
+    # depend on the direction and the effects that do, taken both ways.
     unchanged = np.where(changed_at_rest(at_rest), 0.0, identification.values)
     covariance = identification.statistics.covariance
     n_entries, n = len(observation.entry_rows), observation.robot.n
@@ -285,7 +301,7 @@ def _parts(
 
 
 def _poses(identification: Identification, recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The same of poses at rest, whose rows are equations as they are."""
+    """Return the same for poses at rest, whose rows are equations as they are."""
     t, q, measured = pose_rows(recording)
     model, still = identification.model, np.zeros_like(q)
     entries = entries_at_rest(model, q)

@@ -1,4 +1,4 @@
-"""What the held-out data have in common with those of the fit: the same samples, or the same motion once more."""
+"""Find what held-out data have in common with those of the fit: the same samples, or the same motion again."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _FEW = 50
 
 @dataclass(frozen=True)
 class Common:
-    """What a held-out recording shares with one of the fit: `share` of its moving time, `copied` or `repeated`."""
+    """Overlap of a held-out recording with one of the fit: `share` of its moving time, `copied` or `repeated`."""
 
     held_out: str
     fitted: str
@@ -53,39 +53,55 @@ class Common:
 
 
 def common_content(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> tuple[Common, ...]:
-    """What each held-out recording has in common with those of the fit, as far as it decides what they show.
+    """Find what each held-out recording has in common with those of the fit, as far as it decides what they show.
 
-    The same samples are found however short the windows are; the same motion, and samples that were filtered or sampled
-    anew, in what lasts a second or more.
+    The same samples are found however short the windows are; the same motion, and samples that were filtered or
+    resampled,
+    in what lasts a second or more. Only what lies inside the windows counts: another part of the same file is another
+    recording.
 
-    Only what lies inside the windows counts: another part of the same file is another recording.
+    Parameters
+    ----------
+    fitted, held_out : sequence of Recording
+
+    Returns
+    -------
+    tuple of Common
     """
     if not held_out:
         return ()
     known = [(other, tracks_of(other), SampleHashes.of(other)) for other in fitted]
-    found = []
+    overlaps = []
     for recording in held_out:
         own, samples = tracks_of(recording), SampleHashes.of(recording)
-        for other, learnt, seen in known:
-            shared = samples.share_in(seen)
+        for other, fitted_tracks, fitted_hashes in known:
+            # Exact copies are found by hashes of the samples, which is cheap. Only then are motions compared.
+            shared = samples.share_in(fitted_hashes)
             if shared > SHARED:
-                found.append(Common(recording.name, other.name, "copied", shared))
+                overlaps.append(Common(recording.name, other.name, "copied", shared))
                 continue
-            share = share_repeated(own, learnt)
+            share = share_repeated(own, fitted_tracks)
             if share < MOSTLY:
                 continue
             kind: Literal["copied", "repeated"] = "repeated"
-            if likeness(recording, other, repeats_between(own, learnt)) > COPIED:
+            if likeness(recording, other, repeats_between(own, fitted_tracks)) > COPIED:
                 kind = "copied"
-            found.append(Common(recording.name, other.name, kind, share))
-    return tuple(found)
+            overlaps.append(Common(recording.name, other.name, kind, share))
+    return tuple(overlaps)
 
 
 def likeness(tried: Recording, learnt: Recording, repeats: Sequence[Repeat]) -> float:
-    """Correlation of what is fast in the torques of stretches with the same motion; 0 where there is too little."""
+    """Return the correlation of the fast part of the torques during the same motion; 0 where there is too little.
+
+    Parameters
+    ----------
+    tried, learnt : Recording
+    repeats : sequence of Repeat
+        Where `tried` repeats the motion of `learnt`.
+    """
     if not repeats:
         return 0.0
-    longest = max(repeats, key=lambda one: one.duration)
+    longest = max(repeats, key=lambda repeat: repeat.duration)
     start, end = longest.start + _SLOW, min(longest.end, longest.start + _LONGEST) - _SLOW
     t = np.arange(start, end, _STEP)
     if len(t) < _FEW:
@@ -99,7 +115,7 @@ def likeness(tried: Recording, learnt: Recording, repeats: Sequence[Repeat]) -> 
 
 
 def _fast(recording: Recording, t: FloatArray) -> FloatArray | None:
-    """(m, n): torques at times t without what is slow; None where the recording does not span them."""
+    """Return the torques (m, n) at times t without their slow part; None where the recording does not span them."""
     for first, length in used_runs(recording):
         segment = next(s for s in recording.segments if s.first_row <= first < s.first_row + s.length)
         begin = segment.start_time + (first - segment.first_row) * recording.period
@@ -107,13 +123,15 @@ def _fast(recording: Recording, t: FloatArray) -> FloatArray | None:
         if times[0] > t[0] - 0.5 * _SLOW or times[-1] < t[-1] + 0.5 * _SLOW:
             continue
         tau = np.concatenate([rows.tau for rows in recording.source.rows(first, length, 65_536)])
+        # Moving averages at any time from one cumulative sum: their difference is a band-pass that needs no common
+        # clock.
         integral = np.concatenate([np.zeros((1, recording.n)), np.cumsum(tau, axis=0) * recording.period])
         return _mean(times, integral, t, _FAST) - _mean(times, integral, t, _SLOW)
     return None
 
 
 def _mean(times: FloatArray, integral: FloatArray, t: FloatArray, width: float) -> FloatArray:
-    """(m, n): mean over `width` s about each of t, from integrals from the beginning."""
+    """Return the mean (m, n) over `width` s about each of t, from integrals from the beginning."""
     return np.stack(
         [
             (np.interp(t + 0.5 * width, times, column) - np.interp(t - 0.5 * width, times, column)) / width

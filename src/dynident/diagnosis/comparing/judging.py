@@ -1,4 +1,4 @@
-"""What a comparison is worth: the residual against the noise floor, and what the motion can and cannot show."""
+"""Assess a comparison: its residual against the noise floor, and what its motion can and cannot show."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def judge(
     preprocessing: Preprocessing,
     learnt: Sequence[Recording] = (),
 ) -> Judgement:
-    """Hold a comparison's residual against the noise floor, and its motion against those that the model was fitted to.
+    """Compare a residual with the noise floor, and its motion with those that the model was fitted to.
 
     Parameters
     ----------
@@ -62,6 +62,10 @@ def judge(
         The filters of the model.
     learnt : sequence of Recording
         What the model was identified from; empty where the comparison is with one of these.
+
+    Returns
+    -------
+    Judgement
     """
     noise = floor_of(comparison, recording, preprocessing)
     rms = comparison.moving_errors.rms
@@ -75,13 +79,14 @@ def judge(
 
 
 def _repeated(comparison: Comparison, recording: Recording, learnt: Sequence[Recording]) -> RepeatedMotion | None:
-    tried = tracks(comparison.t, comparison.segment, comparison.q)
-    found = [
-        RepeatedMotion(other.name, share_repeated(tried, tracks_of(other)))
+    own_tracks = tracks(comparison.t, comparison.segment, comparison.q)
+    motions = [
+        RepeatedMotion(other.name, share_repeated(own_tracks, tracks_of(other)))
         for other in learnt
+        # The same motion with another payload is new data: it does test the model.
         if other.payload == recording.payload
     ]
-    most = max(found, key=lambda one: one.share, default=None)
+    most = max(motions, key=lambda motion: motion.share, default=None)
     return most if most is not None and most.share >= _REPEATED else None
 
 

@@ -1,4 +1,4 @@
-"""The noise floor: what no model of this motion can explain, from repetitions of the motion or from the sensor."""
+"""Estimate the noise floor, which no model of a motion can explain, from repetitions of the motion or the sensor."""
 
 from __future__ import annotations
 
@@ -51,34 +51,45 @@ class NoiseFloor:
 
 
 def floor_of(comparison: Comparison, recording: Recording, preprocessing: Preprocessing) -> NoiseFloor:
-    """The noise floor of a recording, from its repeated periods where it has them, else from its high frequencies.
+    """Estimate the noise floor of a recording, from repeated periods where it has them, else from high frequencies.
 
     Parameters
     ----------
     comparison : Comparison
-        The recording beside a model's prediction; the lack of fit is that model's.
+        The recording with a model's prediction; the lack of fit is that model's.
+    recording : Recording
+    preprocessing : Preprocessing
+
+    Returns
+    -------
+    NoiseFloor
     """
-    found = from_repetitions(comparison)
-    return found or NoiseFloor(sensor_noise([recording], preprocessing), "high_frequency")
+    floor = from_repetitions(comparison)
+    return floor or NoiseFloor(sensor_noise([recording], preprocessing), "high_frequency")
 
 
 def sensor_noise(recordings: Sequence[Recording], preprocessing: Preprocessing) -> FloatArray:
-    """(n,): rms of the torque sensor's noise behind the parallel filter, N m or N.
+    """Estimate the rms (n,) of the torque sensor's noise behind the parallel filter, N m or N.
 
     From second differences of the raw torque, which motion hardly reaches at a controller's sampling rate: white noise
-    of variance σ² gives them 6 σ². The largest are left out, since friction jumps where a joint turns. Noise that the
+    of variance σ² gives them 6 σ². The largest are left out, since friction jumps at reversals. Noise that the
     source has already low-passed is underestimated.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
     """
     n = recordings[0].n
     squares, count = np.zeros(n), 0
     for recording in recordings:
         for block in filtered_blocks(recording, preprocessing):
             tau = block.tau[block.used]
-            kept = int(_QUIET * (len(tau) - 2))
-            if kept > 0:
+            n_smallest = int(_QUIET * (len(tau) - 2))
+            if n_smallest > 0:
                 second = np.sort(np.diff(tau, 2, axis=0) ** 2, axis=0)
-                squares += second[:kept].sum(axis=0)
-                count += kept
+                squares += second[:n_smallest].sum(axis=0)
+                count += n_smallest
     # What is left of a normal distribution's variance without its tails.
     edge = float(stats.norm.ppf(0.5 + 0.5 * _QUIET))
     share = 1.0 - 2.0 * edge * float(stats.norm.pdf(edge)) / _QUIET
@@ -88,11 +99,11 @@ def sensor_noise(recordings: Sequence[Recording], preprocessing: Preprocessing) 
 
 
 def from_repetitions(comparison: Comparison) -> NoiseFloor | None:
-    """The noise floor from stretches where the motion comes again; None where there are too few.
+    """Estimate the noise floor from intervals where the motion comes again; None where there are too few.
 
     Two torques of the same motion differ by the noise of both, so the floor is the rms of their difference over √2.
-    Where the motion is not repeated to the last digit, the model takes out what that makes: of the differences of
-    torque and of residual the smaller one counts, joint by joint.
+    Where the motion is not repeated exactly, the model takes out what that makes: of the differences of torque and of
+    residual the smaller one counts, joint by joint.
     """
     runs = tracks(comparison.t, comparison.segment, comparison.q)
     repeats = own_repeats(runs)
@@ -111,7 +122,7 @@ def from_repetitions(comparison: Comparison) -> NoiseFloor | None:
 
 
 def _lack_of_fit(pairs: Sequence[tuple[FloatArray, FloatArray]], once: float) -> LackOfFit:
-    """From the residuals (m_i, n) of one time and the next: their mean against their difference."""
+    """Test the residuals (m_i, n) of one pass and the next for lack of fit: their mean against their difference."""
     differences = [second - first for first, second in pairs]
     noise = 0.5 * _mean_square(differences)
     common = 2.0 * _mean_square([0.5 * (first + second) for first, second in pairs])
@@ -128,12 +139,13 @@ def _mean_square(parts: Sequence[FloatArray]) -> FloatArray:
 def _pair(
     comparison: Comparison, runs: Sequence[Track], repeat: Repeat
 ) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
-    """Torque (m, n), and residual (m, n), of the rows of a repetition, and of the same place the next time."""
+    """Return torque (m, n), and residual (m, n), of the rows of a repetition, and of the same place the next time."""
     a, b = runs[repeat.a], runs[repeat.b]
     rows = np.flatnonzero((a.t >= repeat.start) & (a.t <= repeat.end))
     later = a.t[rows] + repeat.lag
     n = len(comparison.joint_names)
     signals = np.hstack([comparison.measured, comparison.told])
+    # The next pass is sampled at other instants, so its signals are interpolated at those of the first.
     there = make_interp_spline(b.t, signals[b.first : b.first + len(b.t)], _DEGREE)(later)
     here = signals[a.first + rows]
     return (here[:, :n], there[:, :n]), (here[:, n:], there[:, n:])

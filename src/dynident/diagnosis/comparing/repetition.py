@@ -1,4 +1,4 @@
-"""Where a motion is repeated: what differs in the torque there is noise, whatever the model (§12.7)."""
+"""Find where a motion is repeated: torque differences there are noise, whatever the model (§12.7)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _TRACK_ROWS = 200_000
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A stretch of a motion without gaps: t (m,) in s, evenly spaced; q (m, n); `first` its first row elsewhere."""
+    """An interval of a motion without gaps: t (m,) in s, evenly spaced; q (m, n); `first`, its first row there."""
 
     t: FloatArray
     q: FloatArray
@@ -45,12 +45,12 @@ class Track:
 
     @cached_property
     def curve(self) -> BSpline[np.float64]:
-        """Positions at any time."""
+        """Spline of the positions over time."""
         return make_interp_spline(self.t, self.q, _DEGREE)
 
     @cached_property
     def moving(self) -> BoolArray:
-        """(m,): whether any joint moves at all."""
+        """Whether any joint moves, (m,)."""
         speed = np.abs(np.gradient(self.q, self.t, axis=0))
         usual = np.sqrt((speed**2).mean(axis=0))
         return np.asarray((speed > 0.2 * usual.max()).any(axis=1))
@@ -73,7 +73,7 @@ class Repeat:
 
 
 def uniform_runs(t: FloatArray, segment: FloatArray) -> list[tuple[int, int]]:
-    """Cut rows t, segment (m,) where a segment ends or time jumps: (first, end) of every run."""
+    """Cut rows t, segment (m,) where a segment ends or time jumps; return (first, end) of every interval."""
     if len(t) < 2:
         return [(0, len(t))] if len(t) else []
     usual = float(np.median(np.diff(t)))
@@ -83,7 +83,7 @@ def uniform_runs(t: FloatArray, segment: FloatArray) -> list[tuple[int, int]]:
 
 
 def tracks(t: FloatArray, segment: FloatArray, q: FloatArray) -> tuple[Track, ...]:
-    """Cut rows t, segment (m,), q (m, n) into tracks; what is too short is left out."""
+    """Cut rows t, segment (m,), q (m, n) into tracks; those that are too short are left out."""
     return tuple(
         Track(t[first:end], q[first:end], first)
         for first, end in uniform_runs(t, segment)
@@ -92,19 +92,19 @@ def tracks(t: FloatArray, segment: FloatArray, q: FloatArray) -> tuple[Track, ..
 
 
 def tracks_of(recording: Recording) -> tuple[Track, ...]:
-    """The positions of a recording inside its windows, thinned to what a motion needs."""
+    """Return the positions of a recording inside its windows as tracks, thinned to what a motion needs."""
     return tuple(track for own in _tracks_by_segment(recording) for track in own)
 
 
 def periods_of(recording: Recording) -> tuple[tuple[Repeat, ...], ...]:
-    """Where the motion of each segment comes by again within the segment."""
-    every = (own_repeats(own) for own in _tracks_by_segment(recording))
-    return tuple(tuple(one for one in repeats if one.a == one.b) for repeats in every)
+    """Find where the motion of each segment is repeated within the segment."""
+    repeats_by_segment = (own_repeats(own) for own in _tracks_by_segment(recording))
+    return tuple(tuple(repeat for repeat in repeats if repeat.a == repeat.b) for repeats in repeats_by_segment)
 
 
 def _tracks_by_segment(recording: Recording) -> list[list[Track]]:
     stride = max(1, int(recording.sampling_rate / _TRACK_RATE), -(-recording.n_samples // _TRACK_ROWS))
-    found: list[list[Track]] = [[] for _ in recording.segments]
+    tracks_by_segment: list[list[Track]] = [[] for _ in recording.segments]
     for first, length in used_runs(recording):
         parts = [rows.q for rows in recording.source.rows(first, length, 65_536)]
         q = np.concatenate(parts)[::stride]
@@ -112,17 +112,27 @@ def _tracks_by_segment(recording: Recording) -> list[list[Track]]:
             (k, s) for k, s in enumerate(recording.segments) if s.first_row <= first < s.first_row + s.length
         )
         row = first - segment.first_row + stride * np.arange(len(q), dtype=np.float64)
-        found[number] += tracks(segment.start_time + row * recording.period, np.zeros(len(q)), q)
-    return found
+        tracks_by_segment[number] += tracks(segment.start_time + row * recording.period, np.zeros(len(q)), q)
+    return tracks_by_segment
 
 
 def own_repeats(own: Sequence[Track]) -> tuple[Repeat, ...]:
-    """Where a motion repeats itself: each stretch beside the next time that it comes by, at least twice in all."""
+    """Find where a motion repeats itself: each interval with its next repetition.
+
+    Parameters
+    ----------
+    own : sequence of Track
+
+    Returns
+    -------
+    tuple of Repeat
+        Empty where nothing comes twice.
+    """
     if not own:
         return ()
     own = own[:_MOST_RUNS]
     tolerance = _tolerance(own)
-    periods = [one for k, track in enumerate(own) for one in _periodic(track, k, tolerance)]
+    periods = [repeat for k, track in enumerate(own) for repeat in _periodic(track, k, tolerance)]
     if periods:
         return tuple(periods)
     # Runs that are one period each: every one beside the one before it.
@@ -135,7 +145,16 @@ def own_repeats(own: Sequence[Track]) -> tuple[Repeat, ...]:
 
 
 def repeats_between(tried: Sequence[Track], learnt: Sequence[Track]) -> tuple[Repeat, ...]:
-    """Stretches of a motion that another motion has as well, at the lag at which most of them is alike."""
+    """Find intervals of a motion that another motion has as well, at the lag at which most of it is alike.
+
+    Parameters
+    ----------
+    tried, learnt : sequence of Track
+
+    Returns
+    -------
+    tuple of Repeat
+    """
     if not tried or not learnt or tried[0].q.shape[1] != learnt[0].q.shape[1]:
         return ()
     tolerance = _tolerance(learnt)
@@ -148,19 +167,24 @@ def repeats_between(tried: Sequence[Track], learnt: Sequence[Track]) -> tuple[Re
 
 
 def share_repeated(tried: Sequence[Track], learnt: Sequence[Track]) -> float:
-    """Which share of a motion, of the time that it moves, is a repetition of another motion (0 to 1)."""
+    """Return the share of a motion's moving time (0 to 1) that repeats another motion.
+
+    Parameters
+    ----------
+    tried, learnt : sequence of Track
+    """
     if not tried or not learnt or tried[0].q.shape[1] != learnt[0].q.shape[1]:
         return 0.0
     tolerance = _tolerance(learnt)
-    moving, seen = 0, 0
+    moving, repeated = 0, 0
     for track in tried[:_MOST_RUNS]:
         known = np.zeros(len(track.t), dtype=bool)
         for other in learnt[:_MOST_RUNS]:
             for lag in _lags(track, other, tolerance):
                 known |= _same(track, other, lag, tolerance)
         moving += int(track.moving.sum())
-        seen += int((track.moving & known).sum())
-    return seen / moving if moving else 0.0
+        repeated += int((track.moving & known).sum())
+    return repeated / moving if moving else 0.0
 
 
 def _span(track: Track) -> float:
@@ -175,25 +199,26 @@ def _tolerance(own: Sequence[Track]) -> FloatArray:
 
 
 def _periodic(track: Track, number: int, tolerance: FloatArray) -> list[Repeat]:
-    """The repetitions at the shortest lag at which nearly a whole period comes twice."""
+    """Return the repetitions at the shortest lag at which nearly a whole period comes twice."""
+    # A slow motion is near itself at any short lag: a period can only begin once it has been somewhere else.
     away = _moved_away(track)
     if away is None:
         return []
     for lag in sorted(_lags(track, track, tolerance, smallest=away)):
-        found = _stretches(track, _same(track, track, lag, tolerance), lag, number, number)
-        if any(one.duration >= _ALMOST_A_PERIOD * lag for one in found):
-            return found
+        repeats = _stretches(track, _same(track, track, lag, tolerance), lag, number, number)
+        if any(repeat.duration >= _ALMOST_A_PERIOD * lag for repeat in repeats):
+            return repeats
     return []
 
 
 def _best(a: Track, b: Track, number_a: int, number_b: int, tolerance: FloatArray) -> list[Repeat]:
-    """The repetitions at the lag at which most is repeated."""
+    """Return the repetitions at the lag at which most is repeated."""
     options = [_stretches(a, _same(a, b, lag, tolerance), lag, number_a, number_b) for lag in _lags(a, b, tolerance)]
-    return max(options, key=lambda found: sum(one.duration for one in found), default=[])
+    return max(options, key=lambda repeats: sum(repeat.duration for repeat in repeats), default=[])
 
 
 def _same(a: Track, b: Track, lag: float, tolerance: FloatArray) -> BoolArray:
-    """(m,): which rows of `a` are where `b` is `lag` later, in stretches that are long enough and move."""
+    """Return (m,): rows of `a` where `b` is `lag` later, in intervals that are long enough and move."""
     close = _close(a, b, lag, tolerance)
     for first, last in _runs(close):
         if a.t[last - 1] - a.t[first] < _SHORTEST or not a.moving[first:last].any():
@@ -203,18 +228,19 @@ def _same(a: Track, b: Track, lag: float, tolerance: FloatArray) -> BoolArray:
 
 def _close(a: Track, b: Track, lag: float, tolerance: FloatArray) -> BoolArray:
     later = a.t + lag
-    there = (later >= b.t[0]) & (later <= b.t[-1])
+    overlapping = (later >= b.t[0]) & (later <= b.t[-1])
     close = np.zeros(len(a.t), dtype=bool)
-    close[there] = (np.abs(b.curve(later[there]) - a.q[there]) <= tolerance).all(axis=1)
+    close[overlapping] = (np.abs(b.curve(later[overlapping]) - a.q[overlapping]) <= tolerance).all(axis=1)
     return close
 
 
 def _sharpened(a: Track, b: Track, lag: float, tolerance: FloatArray) -> float:
-    """The lag at which the rows that nearly agree agree best: other rows do not pull at it."""
+    """Refine a lag by the rows that nearly agree, so that other rows do not pull at it."""
     for widening in (8.0, 4.0, 2.0, 1.0):
         rows = np.flatnonzero(_close(a, b, lag, widening * tolerance))
         if not len(rows):
             continue
+        # Gauss-Newton with one unknown: the gap of the positions divided by their speed is an error of time.
         speed = b.curve.derivative()(a.t[rows] + lag) / tolerance
         gap = (b.curve(a.t[rows] + lag) - a.q[rows]) / tolerance
         weight = float((speed * speed).sum())
@@ -232,14 +258,14 @@ def _runs(marked: BoolArray) -> Iterator[tuple[int, int]]:
 
 
 def _moved_away(track: Track) -> float | None:
-    """The lag by which the motion has left where it was, s."""
+    """Return the lag after which the motion has left its place, s; None where it never does."""
     distance = _distance(track.q, track.q)[len(track.t) - 1 :]
     away = np.flatnonzero(distance > _AWAY)
     return float(away[0] * track.step) if len(away) else None
 
 
 def _lags(a: Track, b: Track, tolerance: FloatArray, smallest: float | None = None) -> list[float]:
-    """Lags in s at which the two motions are most alike, best first; from `smallest` on where that is given."""
+    """Return lags in s at which the two motions are most alike, best first, from `smallest` on where it is given."""
     step = a.step
     t_b = np.arange(b.t[0], b.t[-1] + 1e-9, step)
     distance = _distance(a.q, b.q if b is a else b.curve(t_b))
@@ -258,7 +284,7 @@ def _lags(a: Track, b: Track, tolerance: FloatArray, smallest: float | None = No
 
 
 def _distance(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(m_a + m_b - 1,): mean square distance of two motions at every lag, 1 for motions that have nothing in common.
+    """Return (m_a + m_b - 1,): the mean square distance of two motions at every lag, 1 for unrelated motions.
 
     Joints count by their own spread in `a`, those that hardly move not at all.
     """
@@ -270,6 +296,8 @@ def _distance(a: FloatArray, b: FloatArray) -> FloatArray:
     x, y = (a[:, moving] - centre) / spread[moving], (b[:, moving] - centre) / spread[moving]
     m_a, m_b = len(x), len(y)
     size = fft.next_fast_len(m_a + m_b - 1, real=True)
+    # All lags at once: |x - y|² is the sum of two squares, which cumulative sums give, minus twice the
+    # cross-correlation.
     product = fft.irfft((np.conj(fft.rfft(x, size, axis=0)) * fft.rfft(y, size, axis=0)).sum(axis=1), size)
     inner = np.concatenate([product[size - m_a + 1 :], product[:m_b]])
     lags = np.arange(-m_a + 1, m_b)

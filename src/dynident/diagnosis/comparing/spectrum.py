@@ -39,24 +39,32 @@ class ResidualSpectrum:
     resolution: float
 
     def peaks(self, most: int = 5) -> tuple[int, ...]:
-        """Indices of the highest peaks, highest first."""
-        found, _ = signal.find_peaks(self.amplitude)
-        return tuple(int(k) for k in sorted(found, key=lambda k: -self.amplitude[k])[:most])
+        """Return the indices of the highest peaks, highest first."""
+        indices, _ = signal.find_peaks(self.amplitude)
+        return tuple(int(k) for k in sorted(indices, key=lambda k: -self.amplitude[k])[:most])
 
     def stands_out(self, k: int) -> bool:
-        """Whether the value at an index is a line above its surroundings, and no mere noise."""
+        """Return whether the value at an index is a line above its surroundings, and not mere noise."""
         reach = max(8, len(self.amplitude) // 10)
         around = self.amplitude[max(0, k - reach) : k + reach + 1]
         return bool(self.amplitude[k] > _LINE * np.median(around))
 
 
 def time_spectrum(t: FloatArray, segment: FloatArray, residual: FloatArray) -> ResidualSpectrum:
-    """Amplitude spectrum of one joint's residual (m,) over time, averaged over half-overlapping stretches (Welch).
+    """Compute the amplitude spectrum of one joint's residual over time, by Welch's method.
+
+    Parameters
+    ----------
+    t, segment, residual : (m,)
+
+    Returns
+    -------
+    ResidualSpectrum
 
     Raises
     ------
     DynidentError
-        Where no stretch without gaps is long enough.
+        Where no interval without gaps is long enough.
     """
     runs = [(first, last) for first, last in uniform_runs(t, segment) if last - first >= _SHORTEST]
     if not runs:
@@ -83,11 +91,21 @@ def time_spectrum(t: FloatArray, segment: FloatArray, residual: FloatArray) -> R
 def angle_spectrum(
     q: FloatArray, dq: FloatArray, residual: FloatArray, highest: float = HIGHEST_IN_A_RADIAN
 ) -> ResidualSpectrum:
-    """Amplitude spectrum of one joint's residual (m,) over its own position q (m,).
+    """Compute the amplitude spectrum of one joint's residual over its own position.
 
-    Rows count by the joint's speed |dq| (m,), so that every piece of the way counts alike, however long the joint
-    dwelt on it. What passed the low-pass filter in part only, since the joint was fast, is shown as small as it is.
-    `highest` is the highest frequency given, in cycles a radian (a metre).
+    Rows count by the joint's speed, so that every piece of the way counts alike, however long the joint stayed on it.
+    What
+    passed the low-pass filter in part only, since the joint was fast, is shown as small as it is.
+
+    Parameters
+    ----------
+    q, dq, residual : (m,)
+    highest : float
+        Highest frequency given, in cycles a radian (a metre).
+
+    Returns
+    -------
+    ResidualSpectrum
 
     Raises
     ------
@@ -105,12 +123,13 @@ def angle_spectrum(
         )
     n_bins = int(np.ceil(_BINS_A_CYCLE * highest * span))
     place = np.clip(((q - low) / span * n_bins).astype(np.intp), 0, n_bins - 1)
+    # A window over the range of the joint keeps its ends from making lines of their own.
     taper = np.sin(np.pi * (place + 0.5) / n_bins) ** 2 * np.abs(dq)
     weight = float(taper.sum())
     centred = residual - (float(taper @ residual) / weight if weight > 0 else 0.0)
     sums = np.bincount(place, weights=taper * centred, minlength=n_bins)
     size = fft.next_fast_len(_PADDING * n_bins, real=True)
     frequency = fft.rfftfreq(size, span / n_bins)
-    shown = (frequency >= 1.0 / span) & (frequency <= highest)
+    in_range = (frequency >= 1.0 / span) & (frequency <= highest)
     amplitude = 2.0 * np.abs(fft.rfft(sums, size)) / max(weight, np.finfo(float).tiny)
-    return ResidualSpectrum("angle", frequency[shown], amplitude[shown], 2.0 / span)
+    return ResidualSpectrum("angle", frequency[in_range], amplitude[in_range], 2.0 / span)

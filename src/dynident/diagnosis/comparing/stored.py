@@ -1,4 +1,4 @@
-"""Comparisons kept in a Parquet file, a column for each signal of each joint, and what is read out of them."""
+"""Store comparisons in Parquet files, a column for each signal of each joint, and read figures from them."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ class JointSignals:
     load: FloatArray
 
     def rows(self, chosen: BoolArray | IndexArray) -> JointSignals:
-        """Some of the rows."""
-        return replace(self, **{one.name: getattr(self, one.name)[chosen] for one in fields(self)})
+        """Return some of the rows."""
+        return replace(self, **{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class ResidualMap:
 
 @dataclass(frozen=True)
 class SpectralPeak:
-    """A line in a spectrum; `per_turn` in cycles in a turn of the joint, none over time and for a linear joint."""
+    """A line in a spectrum; `per_turn`: cycles in a turn of the joint, none over time and for a linear joint."""
 
     frequency: float
     amplitude: float
@@ -91,16 +91,27 @@ class JointSpectrum:
     peaks: tuple[SpectralPeak, ...]
 
 
-def write_comparison(found: Comparison, path: Path) -> Path:
-    """Write the signals of a comparison, a column for each signal of each joint."""
-    columns: dict[str, FloatArray] = {"t": found.t, "segment": found.segment}
-    signals = {signal: getattr(found, signal) for signal in SIGNALS}
-    if found.temperature is not None:
-        signals["temperature"] = found.temperature
+def write_comparison(comparison: Comparison, path: Path) -> Path:
+    """Write the signals of a comparison to a Parquet file, a column for each signal of each joint.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    path : Path
+
+    Returns
+    -------
+    Path
+        The path of the file.
+    """
+    columns: dict[str, FloatArray] = {"t": comparison.t, "segment": comparison.segment}
+    signals = {signal: getattr(comparison, signal) for signal in SIGNALS}
+    if comparison.temperature is not None:
+        signals["temperature"] = comparison.temperature
     for signal, values in signals.items():
-        for index, joint in enumerate(found.joint_names):
+        for index, joint in enumerate(comparison.joint_names):
             columns[f"{signal}_{joint}"] = values[:, index]
-    header = {"joint_names": found.joint_names, "units": found.units, "noise": found.noise.tolist()}
+    header = {"joint_names": comparison.joint_names, "units": comparison.units, "noise": comparison.noise.tolist()}
     table = named_columns(columns).replace_schema_metadata({METADATA_KEY: json.dumps(header).encode()})
     # Measured numbers hardly ever come twice: dictionaries of them take six times as long, and more room.
     pq.write_table(table, path, row_group_size=ROW_GROUP, use_dictionary=False)
@@ -108,9 +119,9 @@ def write_comparison(found: Comparison, path: Path) -> Path:
 
 
 class StoredComparison:
-    """The signals of a comparison in a file, read as they are asked for.
+    """Signals of a comparison in a file, read when they are needed.
 
-    All that it is asked for of a joint raises `DynidentError` where there is no joint of that name.
+    All methods that take a joint raise `DynidentError` where there is no joint of that name.
     """
 
     def __init__(self, path: Path) -> None:
@@ -121,11 +132,11 @@ class StoredComparison:
         self._noise: list[float] = header["noise"]
 
     def unit(self, joint: str) -> str:
-        """The unit of a joint's torques."""
+        """Return the unit of a joint's torques."""
         return self._units[self._index(joint)]
 
     def signals(self, joint: str, start: float | None = None, end: float | None = None) -> JointSignals:
-        """Give one joint's signals between two times in s."""
+        """Return one joint's signals between two times in s."""
         index = self._index(joint)
         groups = self._groups_of(start, end)
         t, segment, measured, predicted, deviation, q, dq, ddq, load = self._read(
@@ -141,7 +152,7 @@ class StoredComparison:
         return every.rows((t >= (-np.inf if start is None else start)) & (t <= (np.inf if end is None else end)))
 
     def residual_map(self, joint: str, x: str, y: str | None, bins: int) -> ResidualMap:
-        """Bin a joint's residual over one or two signals; `DynidentError` for a signal that there is not."""
+        """Bin a joint's residual over one or two signals; raise `DynidentError` for a signal that there is not."""
         self._index(joint)
         names = [x] if y is None else [x, y]
         columns = [self._column(name, pointer) for name, pointer in zip(names, ("x", "y"), strict=False)]
@@ -162,54 +173,55 @@ class StoredComparison:
         )
 
     def spectrum(self, joint: str, over: Literal["angle", "time"]) -> JointSpectrum:
-        """Give the amplitude spectrum of a joint's residual, over time or over the joint's own position."""
+        """Compute the amplitude spectrum of a joint's residual, over time or over the joint's own position."""
         revolute = self.unit(joint) == "N m"
         t, segment, q, dq = self._read("t", "segment", f"q_{joint}", f"dq_{joint}")
         residual = self._residual(joint)
         if over == "time":
-            found = time_spectrum(t, segment, residual)
-            return JointSpectrum(found, "Hz", _peaks(found, None))
-        found = angle_spectrum(q, dq, residual, HIGHEST_IN_A_RADIAN if revolute else HIGHEST_IN_A_METRE)
+            residual_spectrum = time_spectrum(t, segment, residual)
+            return JointSpectrum(residual_spectrum, "Hz", _peaks(residual_spectrum, None))
+        residual_spectrum = angle_spectrum(q, dq, residual, HIGHEST_IN_A_RADIAN if revolute else HIGHEST_IN_A_METRE)
         if revolute:
-            return JointSpectrum(found, "cycles/rad", _peaks(found, 2.0 * np.pi))
-        return JointSpectrum(found, "cycles/m", _peaks(found, None))
+            return JointSpectrum(residual_spectrum, "cycles/rad", _peaks(residual_spectrum, 2.0 * np.pi))
+        return JointSpectrum(residual_spectrum, "cycles/m", _peaks(residual_spectrum, None))
 
     def autocorrelation(self, joint: str, longest: float) -> Autocorrelation:
-        """Give the autocorrelation of a joint's residual up to a lag in s."""
+        """Compute the autocorrelation of a joint's residual up to a lag in s."""
         self._index(joint)
         t, segment = self._read("t", "segment")
         return autocorrelation(t, segment, self._residual(joint), longest)
 
     def _residual(self, joint: str) -> FloatArray:
-        """(m,): measured minus predicted; where the joint stands, the distance to what static friction may hold."""
+        """Return (m,): measured minus predicted; at standstill the distance to the band of static friction."""
         measured, predicted = self._read(f"measured_{joint}", f"predicted_{joint}")
         return self._at_rest(joint, measured, predicted)[0]
 
     def _at_rest(
         self, joint: str, measured: FloatArray, predicted: FloatArray, groups: list[int] | None = None
     ) -> tuple[FloatArray, ...]:
-        """Give residual, lower, upper and phase (m,) each; files of older versions know nothing of rest."""
+        """Return residual, lower, upper and phase (m,) each; files of older versions have no band at standstill."""
         if f"phase_{joint}" not in self._file.schema_arrow.names:
             return measured - predicted, predicted, predicted, np.zeros(len(measured))
         columns = (f"{signal}_{joint}" for signal in ("residual", "lower", "upper", "phase"))
         return tuple(self._read(*columns, groups=groups))
 
     def _groups_of(self, start: float | None, end: float | None) -> list[int] | None:
-        """Groups of rows in which a time from `start` to `end` may be; None for all of them."""
+        """Return the row groups that may hold a time from `start` to `end`; None for all of them."""
         if start is None and end is None:
             return None
-        known = self._file.metadata
+        metadata = self._file.metadata
         column = self._file.schema_arrow.names.index("t")
-        times = [known.row_group(k).column(column).statistics for k in range(known.num_row_groups)]
+        times = [metadata.row_group(k).column(column).statistics for k in range(metadata.num_row_groups)]
         return [
             k
-            for k, one in enumerate(times)
-            if one is None or ((end is None or one.min <= end) and (start is None or one.max >= start))
+            for k, statistics in enumerate(times)
+            if statistics is None
+            or ((end is None or statistics.min <= end) and (start is None or statistics.max >= start))
         ]
 
     def _read(self, *columns: str, groups: list[int] | None = None) -> list[FloatArray]:
-        wanted = sorted(set(columns))
-        table = self._file.read(wanted) if groups is None else self._file.read_row_groups(groups, wanted)
+        names = sorted(set(columns))
+        table = self._file.read(names) if groups is None else self._file.read_row_groups(groups, names)
         return [as_floats(table[name]) for name in columns]
 
     def _index(self, joint: str) -> int:
@@ -228,15 +240,15 @@ class StoredComparison:
         if kind in stored and joint in self.joint_names:
             return f"{stored[kind]}_{joint}"
         detail = (
-            f"there is no signal {name!r}; there are t, and {', '.join(f'{one}_' for one in stored)} followed by one "
-            f"of: {', '.join(self.joint_names)}"
+            f"there is no signal {name!r}; there are t, and {', '.join(f'{prefix}_' for prefix in stored)} followed "
+            f"by one of: {', '.join(self.joint_names)}"
         )
         raise DynidentError(detail, pointer=pointer, title="Unknown signal")
 
 
-def _peaks(found: ResidualSpectrum, turn: float | None) -> tuple[SpectralPeak, ...]:
+def _peaks(spectrum: ResidualSpectrum, turn: float | None) -> tuple[SpectralPeak, ...]:
     return tuple(
-        SpectralPeak(frequency, float(found.amplitude[k]), None if turn is None else turn * frequency)
-        for k in found.peaks()
-        for frequency in [float(found.frequency[k])]
+        SpectralPeak(frequency, float(spectrum.amplitude[k]), None if turn is None else turn * frequency)
+        for k in spectrum.peaks()
+        for frequency in [float(spectrum.frequency[k])]
     )

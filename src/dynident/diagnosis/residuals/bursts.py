@@ -12,11 +12,11 @@ _BURST_RATIO, _BURST_WINDOW, _BURST_GAP, _MOST_BURSTS, _LONGEST_BURSTS = 16.0, 0
 
 def bursts(comparison: Comparison) -> list[tuple[int, float, float]]:
     """Stretches where the residual is far above the rest of the recording: (segment index, from, to in s)."""
-    told = np.where(comparison.telling, comparison.residual, np.nan)
+    residual = np.where(comparison.telling, comparison.residual, np.nan)
     silent = ~comparison.telling.any(axis=0)
-    usual = robust_scale(np.where(silent, 0.0, told))
+    usual = robust_scale(np.where(silent, 0.0, residual))
     # Where a joint stands, its torque says nothing of what else pulls at it.
-    power = np.nan_to_num((told / np.maximum(usual, 1e-300)) ** 2).sum(axis=1) / max(told.shape[1], 1)
+    power = np.nan_to_num((residual / np.maximum(usual, 1e-300)) ** 2).sum(axis=1) / max(residual.shape[1], 1)
     if len(power) < 20:
         return []
     period = float(np.median(np.diff(comparison.t)))

@@ -33,8 +33,8 @@ def failure_map(comparisons: Sequence[Comparison]) -> tuple[FailureSpot, ...]:
         ):
             spot = _worst_bin(residual, values, rms)
             if spot is not None:
-                low, high, here = spot
-                spots.append(FailureSpot(name, variable, unit, low, high, here, here / rms))
+                low, high, local_rms = spot
+                spots.append(FailureSpot(name, variable, unit, low, high, local_rms, local_rms / rms))
     return tuple(sorted(spots, key=lambda spot: -spot.ratio))
 
 

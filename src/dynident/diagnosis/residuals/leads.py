@@ -87,9 +87,9 @@ def run_groups(recordings: Sequence[Recording]) -> list[tuple[str, ...]]:
     if any(recording.payload is not None for recording in recordings):
         groups.append(())
     count = len(labels)
-    wanted: list[tuple[str, ...]] = [(label,) for label in labels]
-    wanted += [tuple(labels[:k]) for k in range(2, count)] + [tuple(labels[k:]) for k in range(1, count - 1)]
-    for group in wanted if count > 1 else []:
+    proposals: list[tuple[str, ...]] = [(label,) for label in labels]
+    proposals += [tuple(labels[:k]) for k in range(2, count)] + [tuple(labels[k:]) for k in range(1, count - 1)]
+    for group in proposals if count > 1 else []:
         if group not in groups and len(group) < count:
             groups.append(group)
     return groups[:_MOST_GROUPS]

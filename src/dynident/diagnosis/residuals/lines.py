@@ -55,12 +55,12 @@ def angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
         low, span = float(q.min()), float(q.max() - q.min())
         if span < _LEAST_ANGLE:
             continue
-        found = peaks(*angle_spectrum(q, residual), LINE_RATIO)[:_LINES_A_JOINT]
+        lines = peaks(*angle_spectrum(q, residual), LINE_RATIO)[:_LINES_A_JOINT]
         slow, share = _slow_wave(q, residual, low, span)
-        found += [slow] if share > _CLEAR else []
+        lines += [slow] if share > _CLEAR else []
         # A wave beside each, so that what a line is off by is not taken for something else.
-        around = [beside / span for beside in (0.0, -_BESIDE, _BESIDE)]
-        clear += [(j, line + beside) for line in found for beside in around]
+        around = [offset / span for offset in (0.0, -_BESIDE, _BESIDE)]
+        clear += [(j, line + offset) for line in lines for offset in around]
         faint += [(j, float(k)) for k in np.arange(_LOWEST_LINE, 4 * np.pi / span, 2 * _BESIDE / span)]
     return AngleLines(tuple(clear), tuple(faint))
 
@@ -81,8 +81,8 @@ def angle_spectrum(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, Flo
     sums = np.bincount(_place(q, low, span, n_bins), weights=varying, minlength=n_bins)
     size = fft.next_fast_len(9 * n_bins, real=True)
     k = 2 * np.pi * fft.rfftfreq(size, span / n_bins)
-    shown = (k >= max(_LOWEST_LINE, 4 * np.pi / span)) & (k <= _HIGHEST_LINE)
-    return k[shown], np.asarray(np.abs(fft.rfft(sums, size)[shown]) ** 2)
+    in_range = (k >= max(_LOWEST_LINE, 4 * np.pi / span)) & (k <= _HIGHEST_LINE)
+    return k[in_range], np.asarray(np.abs(fft.rfft(sums, size)[in_range]) ** 2)
 
 
 def _place(q: FloatArray, low: float, span: float, count: int) -> IndexArray:
@@ -139,9 +139,9 @@ def motion_lines(comparisons: Sequence[Comparison], highest: float) -> MotionLin
     spread = {id(c): np.maximum(c.dq.std(axis=0), 1e-300) for c in comparisons}
     for c, rows in pieces:
         motion += _periodogram(c.t[rows], c.dq[rows] / spread[id(c)], period, size)
-    shown = (frequency >= SLOWEST_VIBRATION) & (frequency < highest)
+    in_range = (frequency >= SLOWEST_VIBRATION) & (frequency < highest)
     longest = max(float(c.t[rows[-1]] - c.t[rows[0]]) for c, rows in pieces)
-    return MotionLines(tuple(peaks(frequency[shown], motion[shown], _MOTION_LINE_RATIO)), 1.0 / longest)
+    return MotionLines(tuple(peaks(frequency[in_range], motion[in_range], _MOTION_LINE_RATIO)), 1.0 / longest)
 
 
 Piece = tuple[Comparison, NDArray[np.intp]]
@@ -184,9 +184,10 @@ def peaks(k: FloatArray, power: FloatArray, least: float) -> list[float]:
     surrounding = np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
     ratio = power / np.maximum(surrounding, np.finfo(float).tiny)
     inner = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
-    found = []
+    frequencies = []
     for i in sorted((i for i in inner if ratio[i] > least), key=lambda i: -power[i]):
         a, b, c = power[i - 1], power[i], power[i + 1]
+        # A parabola through the three highest values gives the peak between two frequencies of the grid.
         shift = 0.5 * (a - c) / (a - 2 * b + c)
-        found.append(float(k[i] + shift * (k[1] - k[0])))
-    return found
+        frequencies.append(float(k[i] + shift * (k[1] - k[0])))
+    return frequencies

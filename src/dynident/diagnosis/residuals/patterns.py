@@ -48,7 +48,7 @@ class _Rows:
             return np.concatenate([getattr(c, name) for c in comparisons])
 
         return cls(
-            residual=joined("told"),
+            residual=np.concatenate([c.told for c in comparisons]),
             telling=np.concatenate([c.telling for c in comparisons]),
             q=joined("q"),
             dq=joined("dq"),
@@ -62,7 +62,7 @@ class _Rows:
 def unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPattern, ...]:
     """Dependences of the residual that are left, the largest share of the residual's variance first."""
     rows = _Rows.of(comparisons)
-    found: list[UnknownPattern] = []
+    patterns: list[UnknownPattern] = []
     for j, name in enumerate(comparisons[0].joint_names):
         best: dict[Variable, float] = {}
         for variable, which in _partitions(rows, j):
@@ -71,9 +71,11 @@ def unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPattern,
                 continue
             best[variable] = max(best.get(variable, 0.0), share)
         most = max(best.values(), default=0.0)
-        found += [UnknownPattern(name, v, share) for v, share in best.items() if share >= max(_SHARE, _NEARLY * most)]
-    found += _in_bursts(comparisons, {pattern.joint for pattern in found})
-    return tuple(sorted(found, key=lambda pattern: -pattern.share))
+        patterns += [
+            UnknownPattern(name, v, share) for v, share in best.items() if share >= max(_SHARE, _NEARLY * most)
+        ]
+    patterns += _in_bursts(comparisons, {pattern.joint for pattern in patterns})
+    return tuple(sorted(patterns, key=lambda pattern: -pattern.share))
 
 
 def _targets(rows: _Rows, j: int) -> tuple[FloatArray, FloatArray]:
@@ -104,8 +106,8 @@ def _bins(values: FloatArray, count: int) -> IndexArray:
     low, high = np.quantile(values, [0.005, 0.995])
     if not high - low > 1e-9 * max(1.0, abs(low), abs(high)):
         return np.zeros(len(values), dtype=np.intp)
-    found: IndexArray = np.clip(((values - low) / (high - low) * count).astype(np.intp), 0, count - 1)
-    return found
+    numbers: IndexArray = np.clip(((values - low) / (high - low) * count).astype(np.intp), 0, count - 1)
+    return numbers
 
 
 def _believed(rows: _Rows, j: int, which: IndexArray, turn: FloatArray) -> float:
@@ -125,8 +127,12 @@ def _believed(rows: _Rows, j: int, which: IndexArray, turn: FloatArray) -> float
     gains = np.zeros(n_stretches)
     for fold in range(5):
         test = np.arange(fold, n_stretches, 5)
-        seen = counts.sum(axis=0) - counts[test].sum(axis=0)
-        means = np.where(seen >= _FEWEST, (sums.sum(axis=0) - sums[test].sum(axis=0)) / np.maximum(seen, 1), 0.0)
+        training_counts = counts.sum(axis=0) - counts[test].sum(axis=0)
+        means = np.where(
+            training_counts >= _FEWEST,
+            (sums.sum(axis=0) - sums[test].sum(axis=0)) / np.maximum(training_counts, 1),
+            0.0,
+        )
         # Σ r² - (r - m)² over the rows of a bin.
         gains[test] = (2 * sums[test] * means - counts[test] * means**2).sum(axis=1)
     share, t = float(gains.sum()) / total, t_of(gains)

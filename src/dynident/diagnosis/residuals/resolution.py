@@ -71,29 +71,29 @@ def resolution(comparisons: Sequence[Comparison], preprocessing: Preprocessing) 
 
 def _at_reversals(comparisons: Sequence[Comparison], joint: int) -> float:
     """Median acceleration of a joint where it turns round freely; beyond all where it never does."""
-    found = []
+    accelerations = []
     for c in comparisons:
         turns = np.flatnonzero(np.diff(np.sign(c.dq[:, joint])) != 0)
-        found.append(np.abs(c.ddq[turns[c.phase[turns, joint] == Phase.REVERSING], joint]))
-    values = np.concatenate(found)
+        accelerations.append(np.abs(c.ddq[turns[c.phase[turns, joint] == Phase.REVERSING], joint]))
+    values = np.concatenate(accelerations)
     return float(np.quantile(values, _SHARP_TURNS)) if len(values) else np.inf
 
 
 def _travelled(comparisons: Sequence[Comparison], joint: int) -> float:
     """Distance from its last halt that a small share of a joint's moving rows are within; beyond all without any."""
-    found = []
+    distances = []
     for c in comparisons:
         moving = c.moving[:, joint]
         new = np.diff(c.segment, prepend=-1.0) != 0
         last = np.maximum.accumulate(np.where(~moving | new, np.arange(len(moving)), 0))
-        seen = np.flatnonzero(moving & ~moving[last])
-        found.append(np.abs(c.q[seen, joint] - c.q[last[seen], joint]))
-    values = np.concatenate(found)
+        rows = np.flatnonzero(moving & ~moving[last])
+        distances.append(np.abs(c.q[rows, joint] - c.q[last[rows], joint]))
+    values = np.concatenate(distances)
     return float(np.quantile(values, _NEAREST_SHARE)) if len(values) else np.inf
 
 
 def _slowest(comparisons: Sequence[Comparison], joint: int) -> float:
     """Speed that a small share of the rows in which a joint moves are below; beyond all where it never moves."""
-    shown = [c.off_halts[:, joint] & (c.free[joint] | (c.phase[:, joint] != Phase.REVERSING)) for c in comparisons]
-    values = np.concatenate([np.abs(c.dq[rows, joint]) for c, rows in zip(comparisons, shown, strict=True)])
+    rows_of = [c.off_halts[:, joint] & (c.free[joint] | (c.phase[:, joint] != Phase.REVERSING)) for c in comparisons]
+    values = np.concatenate([np.abs(c.dq[rows, joint]) for c, rows in zip(comparisons, rows_of, strict=True)])
     return float(np.quantile(values, _SLOWEST_SHARE)) if len(values) else np.inf

@@ -36,5 +36,5 @@ def usual_of(errors: FloatArray) -> float:
 
     Stretches without rows leave none: where many passive joints rub, those in which none of them turns are few.
     """
-    told = errors[errors > 0.0]
-    return float(np.median(told)) if len(told) else 0.0
+    positive = errors[errors > 0.0]
+    return float(np.median(positive)) if len(positive) else 0.0

@@ -51,14 +51,14 @@ def shaking(
     lines = motion.beside(peaks(frequency, gains, _STANDS_OUT))[:_MOST_LINES]
     longest = max(float(c.t[-1] - c.t[0]) for c in comparisons)
     step = 1.0 / (_STEPS_A_WIDTH * max(longest, np.finfo(float).tiny))
-    found: list[float] = []
+    frequencies: list[float] = []
     for line in lines:
-        if any(abs(line - other) <= 2 * _AROUND for other in found):
+        if any(abs(line - other) <= 2 * _AROUND for other in frequencies):
             continue
-        tried = np.arange(max(line - _AROUND, step), line + _AROUND, step)
-        refined = [_gain(comparisons, columns, float(value)) for value in tried]
-        found.append(float(tried[int(np.argmax(refined))]))
-    return motion.beside(found)
+        finer = np.arange(max(line - _AROUND, step), line + _AROUND, step)
+        refined = [_gain(comparisons, columns, float(value)) for value in finer]
+        frequencies.append(float(finer[int(np.argmax(refined))]))
+    return motion.beside(frequencies)
 
 
 def _spectrum(
@@ -73,16 +73,18 @@ def _spectrum(
     period, size = clock_of(pieces)
     if not size or highest <= SLOWEST_VIBRATION:
         return np.zeros(0), np.zeros(0)
-    shown = np.flatnonzero((fft.rfftfreq(size, period) >= SLOWEST_VIBRATION) & (fft.rfftfreq(size, period) < highest))
-    gains = np.zeros(len(shown))
+    in_range = np.flatnonzero(
+        (fft.rfftfreq(size, period) >= SLOWEST_VIBRATION) & (fft.rfftfreq(size, period) < highest)
+    )
+    gains = np.zeros(len(in_range))
     for c, rows in pieces:
         felt, y = own[id(c)][rows], c.told[rows] * _weights(c)
         place = np.round((c.t[rows] - c.t[rows[0]]) / period).astype(np.intp)
         right, squares = np.zeros((place[-1] + 1, 3)), np.zeros((place[-1] + 1, 9))
         right[place] = np.einsum("mja,mj->ma", felt, y)
         squares[place] = np.einsum("mja,mjb->mab", felt, felt).reshape(-1, 9)
-        wave = fft.fft(right, size, axis=0)[shown]
-        twice = fft.fft(squares, size, axis=0)[(2 * shown) % size].reshape(-1, 3, 3)
+        wave = fft.fft(right, size, axis=0)[in_range]
+        twice = fft.fft(squares, size, axis=0)[(2 * in_range) % size].reshape(-1, 3, 3)
         still = squares.sum(axis=0).reshape(3, 3)
         if not still.any():
             continue
@@ -90,7 +92,7 @@ def _spectrum(
         b = np.concatenate([wave.real, -wave.imag], axis=1)[..., None]
         w += _SOLVABLE * np.trace(still) * np.eye(6)
         gains += (b * np.linalg.solve(w, b)).sum(axis=(1, 2))
-    return fft.rfftfreq(size, period)[shown], gains
+    return fft.rfftfreq(size, period)[in_range], gains
 
 
 def _felt(signals: Signals) -> Program:

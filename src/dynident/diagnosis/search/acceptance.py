@@ -52,69 +52,69 @@ LARGE_DROP, JOINT_T_OF_LARGE = 0.3, 1.5
 """Where it gains this share of its error, a smaller t will do."""
 
 
-def acceptable(state: State, data: PhasedProducts, item: JudgedCandidate) -> bool:
+def acceptable(state: State, data: PhasedProducts, scored: JudgedCandidate) -> bool:
     """Whether a candidate is a finding."""
-    return _surely_there(state, data, item) and _of_enough(state, item)
+    return _surely_there(state, data, scored) and _of_enough(state, scored)
 
 
-def too_small_for_runs(state: State, data: PhasedProducts, item: JudgedCandidate) -> bool:
+def too_small_for_runs(state: State, data: PhasedProducts, scored: JudgedCandidate) -> bool:
     """Whether a candidate would be a finding, were it not of some runs and too small for that."""
-    return bool(item.candidate.runs) and not _of_enough(state, item) and _surely_there(state, data, item)
+    return bool(scored.candidate.runs) and not _of_enough(state, scored) and _surely_there(state, data, scored)
 
 
-def _of_enough(state: State, item: JudgedCandidate) -> bool:
+def _of_enough(state: State, scored: JudgedCandidate) -> bool:
     """Whether a candidate explains so much as one of some runs alone has to."""
-    if not item.candidate.runs:
+    if not scored.candidate.runs:
         return True
-    return item.drop >= (_LEAST_OF_CHANGE if is_change(item.candidate.choice, state.since) else _LEAST_OF_RUNS)
+    return scored.drop >= (_LEAST_OF_CHANGE if is_change(scored.candidate.choice, state.since) else _LEAST_OF_RUNS)
 
 
-def _surely_there(state: State, data: PhasedProducts, item: JudgedCandidate) -> bool:
-    effect = effect_by_id(item.candidate.effect)
-    if item.separability < VISIBLE or not item.passes or too_small(state, data, item):
+def _surely_there(state: State, data: PhasedProducts, scored: JudgedCandidate) -> bool:
+    effect = effect_by_id(scored.candidate.effect)
+    if scored.separability < VISIBLE or not scored.passes or too_small(state, data, scored):
         return False
-    if item.separability * item.t < _LEAST_REACH:
+    if scored.separability * scored.t < _LEAST_REACH:
         return False
-    if effect.first_order and item.separability < _BLURRED and item.drop < _DROP_OF_BLURRED:
+    if effect.first_order and scored.separability < _BLURRED and scored.drop < _DROP_OF_BLURRED:
         return False
-    if any(shadowed(item, finding.judged, state.floor) for finding in state.picks):
+    if any(shadowed(scored, finding.judged, state.floor) for finding in state.picks):
         return False
     # What pulls at two joints, and explains one of them alone, is a function of that joint.
-    return not effect.pulls_on_each or all(gains_on(state, data, item, j) for j in item.joints)
+    return not effect.pulls_on_each or all(gains_on(state, data, scored, j) for j in scored.joints)
 
 
-def too_small(state: State, data: PhasedProducts, item: JudgedCandidate) -> bool:
+def too_small(state: State, data: PhasedProducts, scored: JudgedCandidate) -> bool:
     """Whether a candidate removes less of the sensors' noise than its kind has to."""
-    most = max(gain_over_floor(item, j, state.floor, data) for j in item.joints)
-    return most < least_gain(effect_by_id(item.candidate.effect))
+    most = max(gain_over_floor(scored, j, state.floor, data) for j in scored.joints)
+    return most < least_gain(effect_by_id(scored.candidate.effect))
 
 
-def gains_on(state: State, data: PhasedProducts, item: JudgedCandidate, joint: int) -> bool:
+def gains_on(state: State, data: PhasedProducts, scored: JudgedCandidate, joint: int) -> bool:
     """Whether a candidate that acts on several joints lowers the error of this one: enough, and evenly."""
-    before = item.before[:, joint] / state.noise[joint] ** 2
-    gain = before - item.after[:, joint] / state.noise[joint] ** 2
+    before = scored.before[:, joint] / state.noise[joint] ** 2
+    gain = before - scored.after[:, joint] / state.noise[joint] ** 2
     share = float(gain.sum()) / max(float(before.sum()), np.finfo(float).tiny)
     spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
     even = float(gain.mean()) >= (JOINT_T if share < LARGE_DROP else JOINT_T_OF_LARGE) * spread
-    large = gain_over_floor(item, joint, state.floor, data) >= least_gain(effect_by_id(item.candidate.effect))
+    large = gain_over_floor(scored, joint, state.floor, data) >= least_gain(effect_by_id(scored.candidate.effect))
     return share >= JOINT_DROP and even and large
 
 
-def shadowed(item: JudgedCandidate, finding: JudgedCandidate, floor: FloatArray) -> bool:
+def shadowed(scored: JudgedCandidate, finding: JudgedCandidate, floor: FloatArray) -> bool:
     """Whether a candidate is so small beside an effect of a rough formula that it may be what that one leaves.
 
     What friction leaves is on its own joint; where else a cable pulls is not known.
     """
     rough = effect_by_id(finding.candidate.effect)
-    if not rough.is_rough or (rough.is_friction and not set(item.joints) <= set(finding.joints)):
+    if not rough.is_rough or (rough.is_friction and not set(scored.joints) <= set(finding.joints)):
         return False
-    return explained(item, floor) < _SHADOW * explained(finding, floor)
+    return explained(scored, floor) < _SHADOW * explained(finding, floor)
 
 
-def explained(item: JudgedCandidate, floor: FloatArray) -> float:
+def explained(scored: JudgedCandidate, floor: FloatArray) -> float:
     """Squared error that a candidate removes, in units of the sensors' noise (n,)."""
-    removed = (item.before - item.after).sum(axis=0)
-    unit = np.maximum(floor**2, _QUIET * item.before.mean(axis=0))
+    removed = (scored.before - scored.after).sum(axis=0)
+    unit = np.maximum(floor**2, _QUIET * scored.before.mean(axis=0))
     return float((removed / np.maximum(unit, np.finfo(float).tiny)).sum())
 
 
@@ -124,9 +124,9 @@ def least_gain(effect: Effect) -> float:
     return SMALLEST_GAIN_AT_REVERSALS if at_reversals else SMALLEST_GAIN_OVER_NOISE
 
 
-def gain_over_floor(item: JudgedCandidate, joint: int, floor: FloatArray, data: PhasedProducts) -> float:
+def gain_over_floor(scored: JudgedCandidate, joint: int, floor: FloatArray, data: PhasedProducts) -> float:
     """Squared error that a candidate removes on a joint, over that of the sensor's noise."""
-    removed = float((item.before - item.after)[:, joint].sum()) / max(
-        float(data.counts(item.candidate.columns)[:, joint].sum()), 1.0
+    removed = float((scored.before - scored.after)[:, joint].sum()) / max(
+        float(data.counts(scored.candidate.columns)[:, joint].sum()), 1.0
     )
     return removed / max(float(floor[joint]) ** 2, np.finfo(float).tiny)

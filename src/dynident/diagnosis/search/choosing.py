@@ -37,25 +37,27 @@ def choose(
     What nature does not allow is never named. Of sensitivities of the predicted torque it stays a rival: play that says
     less of the same than a torque before its cause is the shadow of something that has no name here.
     """
-    large = [item for item in judged if acceptable(state, data, item)]
-    natural = {id(item) for item in large if plausible(data, pool, state.base, state.noise, item)}
-    passing = [item for item in large if id(item) in natural]
-    unnatural = [item for item in large if id(item) not in natural]
+    large = [scored for scored in judged if acceptable(state, data, scored)]
+    natural = {id(scored) for scored in large if plausible(data, pool, state.base, state.noise, scored)}
+    passing = [scored for scored in large if id(scored) in natural]
+    unnatural = [scored for scored in large if id(scored) not in natural]
     doubted: list[JudgedCandidate] = []
-    shy = [item for item in judged if too_small_for_runs(state, data, item)]
+    shy = [scored for scored in judged if too_small_for_runs(state, data, scored)]
     while passing:
         best, equal = simplest(_each_its_own(passing))
         plainer = _plainer(data, pool, state, best, judged)
         chosen, equal = (plainer, (best, *equal)) if plainer else (best, equal)
         lasting = _lasting(state, chosen, passing)
         chosen, equal = (lasting, (chosen, *equal)) if lasting else (chosen, equal)
-        others = [item for item in [*passing, *doubted] if other_name(chosen, item) and not _goes_with(chosen, item)]
+        others = [
+            scored for scored in [*passing, *doubted] if other_name(chosen, scored) and not _goes_with(chosen, scored)
+        ]
         if lasting:
             # Wear that warmth says is no rival to it.
-            others = [item for item in others if not is_change(item.candidate.choice, state.since)]
+            others = [scored for scored in others if not is_change(scored.candidate.choice, state.since)]
         chosen, twins = _most_usual(state, chosen, _twins(chosen, others, data.moving.run))
-        beyond = [item for item in others if all(item is not twin for twin in twins)]
-        equal = (*(item for item in equal if item is not chosen), *(twin for twin in twins if twin not in equal))
+        beyond = [scored for scored in others if all(scored is not twin for twin in twins)]
+        equal = (*(scored for scored in equal if scored is not chosen), *(twin for twin in twins if twin not in equal))
         hidden = [*_of_its_kind(chosen, unnatural), *_told_by_more(data, pool, state, chosen, judged)]
         if _stable(data, pool, state, (chosen, *twins), [*beyond, *hidden]):
             slim = without_idle_joints(data, pool, state, chosen, judged)
@@ -64,12 +66,12 @@ def choose(
             by_itself = whole or acceptable(state, data, replace(slim, p=chosen.p))
             shows = by_itself and _shows_where_joints_move(data, pool, state, slim)
             if shows and not _shadow(data, pool, state, slim, shy):
-                told = equal + _rivals(slim, judged, equal)
-                return replace(slim, p=chosen.p), told + says_more(state, slim, passing, told)
+                equivalents = equal + _rivals(slim, judged, equal)
+                return replace(slim, p=chosen.p), equivalents + says_more(state, slim, passing, equivalents)
         else:
             # What takes its place in other draws would be no surer a name for want of it.
             doubted.append(best)
-        passing = [item for item in passing if item is not best]
+        passing = [scored for scored in passing if scored is not best]
     return None
 
 
@@ -77,12 +79,12 @@ def _twins(chosen: JudgedCandidate, others: Sequence[JudgedCandidate], run: Inde
     """Other names for the same finding: as much of the error on the same joints and runs, and no draw decides."""
     mine, runs = set(chosen.joints), chosen.candidate.runs
 
-    def undecided(item: JudgedCandidate) -> bool:
-        level = abs(t_of(chosen.gains - item.gains)) < _DECIDED
-        return level or share_found_again([chosen], [item], run) < FOUND_AGAIN
+    def undecided(scored: JudgedCandidate) -> bool:
+        level = abs(t_of(chosen.gains - scored.gains)) < _DECIDED
+        return level or share_found_again([chosen], [scored], run) < FOUND_AGAIN
 
-    alike = [item for item in others if item.candidate.runs == runs and not mine.isdisjoint(item.joints)]
-    return [item for item in alike if item.total_gain >= _NEARLY * chosen.total_gain and undecided(item)]
+    alike = [scored for scored in others if scored.candidate.runs == runs and not mine.isdisjoint(scored.joints)]
+    return [scored for scored in alike if scored.total_gain >= _NEARLY * chosen.total_gain and undecided(scored)]
 
 
 def _plainer(
@@ -92,17 +94,17 @@ def _plainer(
 
     That something is there is what the test says; what it is called is another question.
     """
-    found = [
-        item
-        for item in judged
-        if item.candidate.joints == chosen.candidate.joints
-        and item.freedom < chosen.freedom
-        and item.p > ALPHA
-        and not gains_more(chosen, item)
-        and acceptable(state, data, replace(item, p=chosen.p))
-        and plausible(data, pool, state.base, state.noise, item)
+    plainer = [
+        scored
+        for scored in judged
+        if scored.candidate.joints == chosen.candidate.joints
+        and scored.freedom < chosen.freedom
+        and scored.p > ALPHA
+        and not gains_more(chosen, scored)
+        and acceptable(state, data, replace(scored, p=chosen.p))
+        and plausible(data, pool, state.base, state.noise, scored)
     ]
-    return max((replace(item, p=chosen.p) for item in found), key=lambda item: item.total_gain, default=None)
+    return max((replace(scored, p=chosen.p) for scored in plainer), key=lambda scored: scored.total_gain, default=None)
 
 
 def _lasting(state: State, chosen: JudgedCandidate, passing: Sequence[JudgedCandidate]) -> JudgedCandidate | None:
@@ -110,26 +112,26 @@ def _lasting(state: State, chosen: JudgedCandidate, passing: Sequence[JudgedCand
     if not is_change(chosen.candidate.choice, state.since):
         return None
     places = set(chosen.candidate.joints)
-    found = [
-        item
-        for item in passing
-        if _is_warmth(item)
-        and places <= set(item.candidate.joints)
-        and bool(places) == bool(item.candidate.joints)
-        and item.total_gain >= _AS_MUCH * chosen.total_gain
+    lasting = [
+        scored
+        for scored in passing
+        if _is_warmth(scored)
+        and places <= set(scored.candidate.joints)
+        and bool(places) == bool(scored.candidate.joints)
+        and scored.total_gain >= _AS_MUCH * chosen.total_gain
     ]
-    return max(found, key=lambda item: item.total_gain, default=None)
+    return max(lasting, key=lambda scored: scored.total_gain, default=None)
 
 
-def _goes_with(chosen: JudgedCandidate, item: JudgedCandidate) -> bool:
+def _goes_with(chosen: JudgedCandidate, scored: JudgedCandidate) -> bool:
     """Whether a change is told with the chosen one: friction grows in all its parts, and is one finding."""
-    mine, other = chosen.candidate, item.candidate
+    mine, other = chosen.candidate, scored.candidate
     together = effect_by_id(mine.effect).changes_with
     return bool(mine.runs) and other.effect in together and (other.runs, other.joints) == (mine.runs, mine.joints)
 
 
-def _is_warmth(item: JudgedCandidate) -> bool:
-    effect = effect_by_id(item.candidate.effect)
+def _is_warmth(scored: JudgedCandidate) -> bool:
+    effect = effect_by_id(scored.candidate.effect)
     return effect.needs_temperature or effect.needs_session
 
 
@@ -137,7 +139,7 @@ def _of_its_kind(chosen: JudgedCandidate, others: Sequence[JudgedCandidate]) -> 
     """Those that are sensitivities of the predicted torque as well."""
     if not effect_by_id(chosen.candidate.effect).first_order:
         return []
-    return [item for item in others if effect_by_id(item.candidate.effect).first_order]
+    return [scored for scored in others if effect_by_id(scored.candidate.effect).first_order]
 
 
 def _shows_where_joints_move(data: PhasedProducts, pool: Pool, state: State, chosen: JudgedCandidate) -> bool:
@@ -148,8 +150,8 @@ def _shows_where_joints_move(data: PhasedProducts, pool: Pool, state: State, cho
     turns, starts = data.kinds(chosen.candidate.columns)
     if not turns:
         return True
-    (item,) = judge_all(data, pool, state.base, [chosen.candidate], state.noise, kinds=(False, starts))
-    return item.error_drop >= SMALLEST_ERROR_DROP
+    (scored,) = judge_all(data, pool, state.base, [chosen.candidate], state.noise, kinds=(False, starts))
+    return scored.error_drop >= SMALLEST_ERROR_DROP
 
 
 def _shadow(
@@ -161,15 +163,15 @@ def _shadow(
     """
     places = set(chosen.joints)
     larger = [
-        item
-        for item in shy
-        if not places.isdisjoint(item.joints)
-        and item.candidate.runs != chosen.candidate.runs
-        and gains_more(item, chosen)
+        scored
+        for scored in shy
+        if not places.isdisjoint(scored.joints)
+        and scored.candidate.runs != chosen.candidate.runs
+        and gains_more(scored, chosen)
     ]
-    for item in sorted(larger, key=lambda item: -item.total_gain)[:_SHADOWS]:
-        (beside,) = judge_all(data, pool, state.base + item.candidate.columns, [chosen.candidate], state.noise)
-        if beside.total_gain < _STILL * chosen.total_gain:
+    for scored in sorted(larger, key=lambda scored: -scored.total_gain)[:_SHADOWS]:
+        (rescored,) = judge_all(data, pool, state.base + scored.candidate.columns, [chosen.candidate], state.noise)
+        if rescored.total_gain < _STILL * chosen.total_gain:
             return True
     return False
 
@@ -182,16 +184,16 @@ def _told_by_more(
     The chosen one is no surer a name for want of it.
     """
     return [
-        item
-        for item in judged
-        if item.candidate.joints == chosen.candidate.joints
-        and item.candidate.runs == chosen.candidate.runs
-        and item.total_gain > chosen.total_gain
-        and item.passes
-        and item.separability >= VISIBLE
-        and too_small(state, data, item)
-        and data.kinds(item.candidate.columns) == data.kinds(chosen.candidate.columns)
-        and plausible(data, pool, state.base, state.noise, item)
+        scored
+        for scored in judged
+        if scored.candidate.joints == chosen.candidate.joints
+        and scored.candidate.runs == chosen.candidate.runs
+        and scored.total_gain > chosen.total_gain
+        and scored.passes
+        and scored.separability >= VISIBLE
+        and too_small(state, data, scored)
+        and data.kinds(scored.candidate.columns) == data.kinds(chosen.candidate.columns)
+        and plausible(data, pool, state.base, state.noise, scored)
     ]
 
 
@@ -200,63 +202,65 @@ def _most_usual(
 ) -> tuple[JudgedCandidate, list[JudgedCandidate]]:
     """Of the names of one finding the one that robots usually get from one day to the next, and the others."""
     seldom = is_seldom_change(state, chosen)
-    usual = [item for item in twins if is_change(item.candidate.choice, state.since) and not _is_seldom(item)]
+    usual = [scored for scored in twins if is_change(scored.candidate.choice, state.since) and not _is_seldom(scored)]
     if not (seldom and usual):
         return chosen, twins
-    best = max(usual, key=lambda item: item.total_gain)
-    return best, [chosen, *(item for item in twins if item is not best)]
+    best = max(usual, key=lambda scored: scored.total_gain)
+    return best, [chosen, *(scored for scored in twins if scored is not best)]
 
 
-def is_seldom_change(state: State, item: JudgedCandidate) -> bool:
+def is_seldom_change(state: State, scored: JudgedCandidate) -> bool:
     """Whether it is said of the later runs, and robots seldom get it from one day to the next."""
-    return is_change(item.candidate.choice, state.since) and _is_seldom(item)
+    return is_change(scored.candidate.choice, state.since) and _is_seldom(scored)
 
 
-def _is_seldom(item: JudgedCandidate) -> bool:
-    return effect_by_id(item.candidate.effect).seldom_changes
+def _is_seldom(scored: JudgedCandidate) -> bool:
+    return effect_by_id(scored.candidate.effect).seldom_changes
 
 
 def _stable(
-    data: PhasedProducts, pool: Pool, state: State, found: Sequence[JudgedCandidate], passing: Sequence[JudgedCandidate]
+    data: PhasedProducts, pool: Pool, state: State, names: Sequence[JudgedCandidate], passing: Sequence[JudgedCandidate]
 ) -> bool:
     """Whether the same finding, by any of its names, is made in resampled data.
 
     Another finding beside it is none that could take its place.
     """
-    others = [item for item in passing if all(other_name(name, item) for name in found)]
-    run, chosen = data.moving.run, found[0]
-    if share_found_again(found, others, run) >= FOUND_AGAIN:
+    others = [scored for scored in passing if all(other_name(name, scored) for name in names)]
+    run, chosen = data.moving.run, names[0]
+    if share_found_again(names, others, run) >= FOUND_AGAIN:
         return True
     base = state.base + chosen.candidate.columns
-    beside = judge_all(data, pool, base, [item.candidate for item in others], state.noise)
+    rescored = judge_all(data, pool, base, [scored.candidate for scored in others], state.noise)
     rivals = [
-        before for before, after in zip(others, beside, strict=True) if after.total_gain < _STILL * before.total_gain
+        before for before, after in zip(others, rescored, strict=True) if after.total_gain < _STILL * before.total_gain
     ]
-    return share_found_again(found, rivals, run) >= FOUND_AGAIN
+    return share_found_again(names, rivals, run) >= FOUND_AGAIN
 
 
 def _best_alone(effect: str, judged: Sequence[JudgedCandidate]) -> dict[str, JudgedCandidate]:
     """The best candidate of an effect on every joint by itself, each with its own shape constants."""
     best: dict[str, JudgedCandidate] = {}
-    for item in judged:
-        joints = item.candidate.joints
-        if item.candidate.effect != effect or len(joints) != 1:
+    for scored in judged:
+        joints = scored.candidate.joints
+        if scored.candidate.effect != effect or len(joints) != 1:
             continue
-        if joints[0] not in best or item.total_gain > best[joints[0]].total_gain:
-            best[joints[0]] = item
+        if joints[0] not in best or scored.total_gain > best[joints[0]].total_gain:
+            best[joints[0]] = scored
     return best
 
 
 def _each_its_own(passing: Sequence[JudgedCandidate]) -> list[JudgedCandidate]:
     """Candidates without the groups whose joints gain clearly more one by one, each with its own shape constants."""
-    alone = {effect: _best_alone(effect, passing) for effect in {item.candidate.effect for item in passing}}
+    alone = {effect: _best_alone(effect, passing) for effect in {scored.candidate.effect for scored in passing}}
 
-    def one_by_one(item: JudgedCandidate) -> float:
-        own = alone[item.candidate.effect]
-        return sum(own[joint].total_gain for joint in item.candidate.joints if joint in own)
+    def one_by_one(scored: JudgedCandidate) -> float:
+        own = alone[scored.candidate.effect]
+        return sum(own[joint].total_gain for joint in scored.candidate.joints if joint in own)
 
     return [
-        item for item in passing if len(item.candidate.joints) < 2 or one_by_one(item) < _ONE_BY_ONE * item.total_gain
+        scored
+        for scored in passing
+        if len(scored.candidate.joints) < 2 or one_by_one(scored) < _ONE_BY_ONE * scored.total_gain
     ]
 
 
@@ -264,22 +268,22 @@ def _rivals(
     chosen: JudgedCandidate, judged: Sequence[JudgedCandidate], equal: Sequence[JudgedCandidate]
 ) -> tuple[JudgedCandidate, ...]:
     """What the chosen effect is easily confused with, on the same joints, where the data do not clearly decide."""
-    known = {item.candidate.effect for item in equal} | {chosen.candidate.effect}
+    known = {scored.candidate.effect for scored in equal} | {chosen.candidate.effect}
     confused = effect_by_id(chosen.candidate.effect).confused_with
-    found: dict[str, JudgedCandidate] = {}
-    for item in judged:
-        name = item.candidate.effect
-        near = item.total_gain >= _NEARLY * chosen.total_gain and t_of(chosen.gains - item.gains) < _DECIDED
-        if name in confused and name not in known and item.candidate.joints == chosen.candidate.joints and near:
-            found.setdefault(name, item)
-    return tuple(found.values())
+    rivals: dict[str, JudgedCandidate] = {}
+    for scored in judged:
+        name = scored.candidate.effect
+        near = scored.total_gain >= _NEARLY * chosen.total_gain and t_of(chosen.gains - scored.gains) < _DECIDED
+        if name in confused and name not in known and scored.candidate.joints == chosen.candidate.joints and near:
+            rivals.setdefault(name, scored)
+    return tuple(rivals.values())
 
 
 def says_more(
     state: State,
     chosen: JudgedCandidate,
     passing: Sequence[JudgedCandidate],
-    told: Sequence[JudgedCandidate],
+    equivalents: Sequence[JudgedCandidate],
 ) -> tuple[JudgedCandidate, ...]:
     """Other changes that say more of the same joints, with more parameters, though not surely more.
 
@@ -287,13 +291,13 @@ def says_more(
     """
     if not is_change(chosen.candidate.choice, state.since):
         return ()
-    known = {item.candidate.effect for item in (chosen, *told)}
-    found: dict[str, JudgedCandidate] = {}
-    for item in sorted(passing, key=lambda item: -item.total_gain):
-        same = item.candidate.runs == chosen.candidate.runs and set(chosen.joints) <= set(item.joints)
-        if item.candidate.effect not in known and same and item.total_gain >= chosen.total_gain:
-            found.setdefault(item.candidate.effect, item)
-    return tuple(item for item in found.values() if not gains_more(item, chosen))
+    known = {scored.candidate.effect for scored in (chosen, *equivalents)}
+    richer: dict[str, JudgedCandidate] = {}
+    for scored in sorted(passing, key=lambda scored: -scored.total_gain):
+        same = scored.candidate.runs == chosen.candidate.runs and set(chosen.joints) <= set(scored.joints)
+        if scored.candidate.effect not in known and same and scored.total_gain >= chosen.total_gain:
+            richer.setdefault(scored.candidate.effect, scored)
+    return tuple(scored for scored in richer.values() if not gains_more(scored, chosen))
 
 
 def without_idle_joints(
@@ -303,9 +307,9 @@ def without_idle_joints(
     if len(chosen.candidate.joints) < 2:
         return chosen
     movers = pool.observation.robot.movers
-    keep = [name for name in chosen.candidate.joints if gains_on(state, data, chosen, movers(name)[0])]
-    if not keep or len(keep) == len(chosen.candidate.joints):
+    gaining = [name for name in chosen.candidate.joints if gains_on(state, data, chosen, movers(name)[0])]
+    if not gaining or len(gaining) == len(chosen.candidate.joints):
         return chosen
-    columns = tuple(k for k in chosen.candidate.columns if pool.observation.columns[k].link in keep)
-    smaller = Candidate(chosen.candidate.effect, tuple(keep), chosen.candidate.shape, columns, chosen.candidate.runs)
+    columns = tuple(k for k in chosen.candidate.columns if pool.observation.columns[k].link in gaining)
+    smaller = Candidate(chosen.candidate.effect, tuple(gaining), chosen.candidate.shape, columns, chosen.candidate.runs)
     return judge_all(data, pool, state.base, [smaller], state.noise)[0]

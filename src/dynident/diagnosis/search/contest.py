@@ -64,14 +64,14 @@ def settled(
     products : inner products of the columns of a pool
     """
     contenders = _contenders(choice[0], judged)
-    if all(item.candidate.effect == choice[0].candidate.effect for item in contenders):
+    if all(scored.candidate.effect == choice[0].candidate.effect for scored in contenders):
         return choice
-    parents = {finer: item for item in [*contenders, choice[0]] for finer in between(item.candidate.choice)}
+    parents = {finer: scored for scored in [*contenders, choice[0]] for finer in between(scored.candidate.choice)}
     finer = finer_pool(model, pool, state, list(parents))
     data = products(finer)
     # With those of each kind of rows apart: what is about joints that start has none in common with other friction.
     for rivals in _by_rows(data, finer):
-        own = [one for one in finer.candidates if one.effect == choice[0].candidate.effect]
+        own = [candidate for candidate in finer.candidates if candidate.effect == choice[0].candidate.effect]
         choice = _weighed(data, finer, state, choice, list(dict.fromkeys([*own, *rivals])), parents)
     return choice
 
@@ -79,8 +79,8 @@ def settled(
 def _by_rows(data: PhasedProducts, finer: Pool) -> list[list[Candidate]]:
     """The candidates, those together that are about the same kinds of rows."""
     kinds: dict[tuple[bool, bool], list[Candidate]] = {}
-    for one in finer.candidates:
-        kinds.setdefault(data.kinds(one.columns), []).append(one)
+    for candidate in finer.candidates:
+        kinds.setdefault(data.kinds(candidate.columns), []).append(candidate)
     return list(kinds.values())
 
 
@@ -94,28 +94,28 @@ def _weighed(
 ) -> Choice:
     """The choice, or another name that says more of the rows that are equations for all of these candidates."""
     chosen = choice[0]
-    beside = replace(state, base=tuple(range(finer.n_base)))
-    each = [data.kinds(one.columns) for one in candidates]
+    finer_state = replace(state, base=tuple(range(finer.n_base)))
+    each = [data.kinds(candidate.columns) for candidate in candidates]
     common = all(turns for turns, _ in each), all(starts for _, starts in each)
-    again = judge_all(data, finer, beside.base, candidates, state.noise, kinds=common)
+    rescored = judge_all(data, finer, finer_state.base, candidates, state.noise, kinds=common)
     # That something is there is what the test on the grid says; here it is asked what it is called.
-    again = [replace(item, p=parents[item.candidate.choice].p) for item in again]
-    told = choose(data, finer, beside, again)
-    if told is None:
+    rescored = [replace(scored, p=parents[scored.candidate.choice].p) for scored in rescored]
+    picked = choose(data, finer, finer_state, rescored)
+    if picked is None:
         return choice
-    slim = choose(data, finer, beside, [item for item in again if _slimmer(state, item, told[0])])
-    told = slim or told
-    winner = parents.get(told[0].candidate.choice)
+    slim = choose(data, finer, finer_state, [scored for scored in rescored if _slimmer(state, scored, picked[0])])
+    picked = slim or picked
+    winner = parents.get(picked[0].candidate.choice)
     if winner is None:
         return choice
     if winner.candidate.effect == chosen.candidate.effect:
         return replace(winner, p=chosen.p), choice[1]
-    own = [item for item in again if item.candidate.effect == chosen.candidate.effect]
-    before = max(own, key=lambda item: item.total_gain)
-    if slim is None and share_found_again([told[0]], [before], data.moving.run) < FOUND_AGAIN:
+    own = [scored for scored in rescored if scored.candidate.effect == chosen.candidate.effect]
+    before = max(own, key=lambda scored: scored.total_gain)
+    if slim is None and share_found_again([picked[0]], [before], data.moving.run) < FOUND_AGAIN:
         return choice
-    equal = {item.candidate.effect: parents.get(item.candidate.choice) for item in told[1]}
-    others = [item for effect, item in equal.items() if item is not None and effect != winner.candidate.effect]
+    equal = {scored.candidate.effect: parents.get(scored.candidate.choice) for scored in picked[1]}
+    others = [scored for effect, scored in equal.items() if scored is not None and effect != winner.candidate.effect]
     return replace(winner, p=chosen.p), tuple(others)
 
 
@@ -144,26 +144,30 @@ def _contenders(chosen: JudgedCandidate, judged: Sequence[JudgedCandidate]) -> l
     """The best candidates of every effect that gains nearly as much on joints of the chosen one, its own among them."""
     mine = chosen.candidate
     near = [
-        item
-        for item in sorted(judged, key=lambda item: -item.total_gain)
-        if item.candidate.runs == mine.runs
-        and not set(item.joints).isdisjoint(chosen.joints)
-        and item.total_gain >= _CONTENDS * chosen.total_gain
+        scored
+        for scored in sorted(judged, key=lambda scored: -scored.total_gain)
+        if scored.candidate.runs == mine.runs
+        and not set(scored.joints).isdisjoint(chosen.joints)
+        and scored.total_gain >= _CONTENDS * chosen.total_gain
     ]
-    found: list[JudgedCandidate] = []
-    for effect in dict.fromkeys(item.candidate.effect for item in near):
-        own = [item for item in near if item.candidate.effect == effect]
-        same = [item for item in own if item.candidate.joints == mine.joints]
+    contenders: list[JudgedCandidate] = []
+    for effect in dict.fromkeys(scored.candidate.effect for scored in near):
+        own = [scored for scored in near if scored.candidate.effect == effect]
+        same = [scored for scored in own if scored.candidate.joints == mine.joints]
         joints = (same or own)[0].candidate.joints
-        found += [item for item in own if item.candidate.joints == joints][:_STARTS]
-    return found
+        contenders += [scored for scored in own if scored.candidate.joints == joints][:_STARTS]
+    return contenders
 
 
 def starts(judged: Sequence[JudgedCandidate]) -> list[JudgedCandidate]:
     """The candidates from which constants between those of the grid are searched for: the best few of every effect."""
-    best = sorted(judged, key=lambda item: -item.total_gain)
-    effects = dict.fromkeys(item.candidate.effect for item in best)
-    return [item for name in effects for item in [one for one in best if one.candidate.effect == name][:_STARTS]]
+    best = sorted(judged, key=lambda scored: -scored.total_gain)
+    effects = dict.fromkeys(scored.candidate.effect for scored in best)
+    return [
+        scored
+        for name in effects
+        for scored in [scored for scored in best if scored.candidate.effect == name][:_STARTS]
+    ]
 
 
 def finer_pool(model: Model, pool: Pool, state: State, choices: Sequence[EffectChoice]) -> Pool:

@@ -40,26 +40,26 @@ def generalises(rows: Products, state: State) -> bool:
     return ahead <= MOST_FROM_PART_TO_PART**2 * inside
 
 
-def explains_most(data: PhasedProducts, state: State, item: JudgedCandidate) -> bool:
+def explains_most(data: PhasedProducts, state: State, scored: JudgedCandidate) -> bool:
     """Whether a candidate takes away most of what the model leaves where it was fitted.
 
     There nothing is predicted, so that none of it is for holding a model that the motion does not determine; a column
     or a few that take so much of what all parameters together could not are no chance, either.
     """
-    rows = data.beside(state.base, np.array(data.kinds(item.candidate.columns)))
+    rows = data.beside(state.base, np.array(data.kinds(scored.candidate.columns)))
     columns = np.array(state.base, dtype=np.intp)
-    before, after, _, _ = fitted_errors(rows, columns, item.candidate, state.noise)
-    own = list(item.joints)
-    was, left = before[:, own].sum(axis=0), after[:, own].sum(axis=0)
-    if len(item.candidate.joints) > 1:
-        was, left = was.sum(keepdims=True), left.sum(keepdims=True)
-    return bool((left <= (1.0 - MOST_OF_FIT) * was).any() and item.drop >= MOST_OF_FIT)
+    before, after, _, _ = fitted_errors(rows, columns, scored.candidate, state.noise)
+    own = list(scored.joints)
+    initial, remaining = before[:, own].sum(axis=0), after[:, own].sum(axis=0)
+    if len(scored.candidate.joints) > 1:
+        initial, remaining = initial.sum(keepdims=True), remaining.sum(keepdims=True)
+    return bool((remaining <= (1.0 - MOST_OF_FIT) * initial).any() and scored.drop >= MOST_OF_FIT)
 
 
 def _shown_in(rows: Products, columns: Sequence[int]) -> BoolArray:
     """(s,): the stretches in which any of the columns is not zero."""
-    shown = np.zeros(rows.n_stretches, dtype=bool)
+    is_shown = np.zeros(rows.n_stretches, dtype=bool)
     for joint, where in enumerate(rows.position):
         _, places = present(where, np.array(columns, dtype=np.intp))
-        shown |= (rows.taken(joint, places, places) > 0).any(axis=1)
-    return shown
+        is_shown |= (rows.taken(joint, places, places) > 0).any(axis=1)
+    return is_shown

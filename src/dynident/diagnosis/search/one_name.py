@@ -33,46 +33,53 @@ def _several(picks: Sequence[Finding]) -> list[list[Finding]]:
         mine = pick.judged.candidate
         if is_of_position(pick) and len(mine.joints) == 1:
             places.setdefault((mine.joints, mine.runs), []).append(pick)
-    return [found for found in places.values() if len(found) > 1]
+    return [findings for findings in places.values() if len(findings) > 1]
 
 
 def _joined(rows: Rows, data: PhasedProducts, pool: Pool, state: State, several: Sequence[Finding]) -> State:
-    gone = {column for finding in several for column in finding.columns}
+    removed = {column for finding in several for column in finding.columns}
     others = tuple(pick for pick in state.picks if pick not in several)
-    beside = replace(state, base=tuple(k for k in state.base if k not in gone), picks=others)
+    without_them = replace(state, base=tuple(k for k in state.base if k not in removed), picks=others)
     most = sum(finding.judged.freedom for finding in several)
-    judged = judge_all(data, pool, beside.base, _singles(pool, beside, several), state.noise)
-    judged = [item for item in judged if item.freedom <= most]
-    parents = {finer: item for item in starts(judged) for finer in between(item.candidate.choice)}
+    judged = judge_all(data, pool, without_them.base, _singles(pool, without_them, several), state.noise)
+    judged = [scored for scored in judged if scored.freedom <= most]
+    parents = {finer: scored for scored in starts(judged) for finer in between(scored.candidate.choice)}
     theirs = [finding.judged.candidate.choice for finding in several]
-    finer = finer_pool(rows.model, pool, beside, [*theirs, *parents])
-    columns = tuple(k for one in finer.candidates if one.choice in theirs for k in one.columns)
+    finer = finer_pool(rows.model, pool, without_them, [*theirs, *parents])
+    columns = tuple(
+        k
+        for column_candidate in finer.candidates
+        if column_candidate.choice in theirs
+        for k in column_candidate.columns
+    )
     first = several[0].judged.candidate
     together = Candidate(first.effect, first.joints, (), columns, first.runs)
-    singles = [one for one in finer.candidates if one.choice in parents]
+    singles = [candidate for candidate in finer.candidates if candidate.choice in parents]
     # The columns of the search without them are the finer pool's first.
     here = tuple(range(finer.n_base))
     fine = rows.products(finer)
     both, *each = judge_all(fine, finer, here, [together, *singles], state.noise)
-    found = [one for one in each if says_as_much(one, both) and plausible(fine, finer, here, state.noise, one)]
-    best = max(found, key=lambda one: one.total_gain, default=None)
+    as_good = [
+        option for option in each if says_as_much(option, both) and plausible(fine, finer, here, state.noise, option)
+    ]
+    best = max(as_good, key=lambda scored: scored.total_gain, default=None)
     if best is None:
         return state
     p = min(finding.p for finding in several)
     new = Finding(replace(parents[best.candidate.choice], p=p), (), p)
     picks = [new if pick is several[0] else pick for pick in state.picks]
-    kept = tuple(pick for pick in picks if pick is new or pick not in several)
-    return replace(state, base=beside.base + new.columns, picks=kept)
+    remaining = tuple(pick for pick in picks if pick is new or pick not in several)
+    return replace(state, base=without_them.base + new.columns, picks=remaining)
 
 
 def _singles(pool: Pool, beside: State, several: Sequence[Finding]) -> list[Candidate]:
     """Curves over the position of that joint; none so general that it explains whatever was found."""
     mine = several[0].judged.candidate
     names = {finding.judged.candidate.effect for finding in several}
-    found = []
-    for one in pool.candidates:
-        effect = effect_by_id(one.effect)
-        alike = one.joints == mine.joints and one.runs == mine.runs and effect.of_position
-        if alike and not names & set(effect.covers) and not set(one.columns) & set(beside.base):
-            found.append(one)
-    return found
+    candidates = []
+    for candidate in pool.candidates:
+        effect = effect_by_id(candidate.effect)
+        alike = candidate.joints == mine.joints and candidate.runs == mine.runs and effect.of_position
+        if alike and not names & set(effect.covers) and not set(candidate.columns) & set(beside.base):
+            candidates.append(candidate)
+    return candidates

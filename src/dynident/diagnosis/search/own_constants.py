@@ -47,24 +47,24 @@ def joined(
     the most joints.
     """
 
-    def are_alike(one: EffectChoice, other: EffectChoice) -> bool:
-        same = (one.effect, one.runs) == (other.effect, other.runs)
-        return nearly_alike(one, other) or (
-            same and all(is_sharper_than_resolved(choice, robot, resolved) for choice in (one, other))
+    def are_alike(first: EffectChoice, second: EffectChoice) -> bool:
+        same = (first.effect, first.runs) == (second.effect, second.runs)
+        return nearly_alike(first, second) or (
+            same and all(is_sharper_than_resolved(choice, robot, resolved) for choice in (first, second))
         )
 
-    left: list[tuple[Finding, EffectChoice]] = []
+    merged: list[tuple[Finding, EffectChoice]] = []
     for finding, choice in sorted(zip(picks, choices, strict=True), key=lambda pair: -len(pair[1].joints)):
-        alike = next((k for k, (_, other) in enumerate(left) if are_alike(other, choice)), None)
+        alike = next((k for k, (_, other) in enumerate(merged) if are_alike(other, choice)), None)
         if alike is None:
-            left.append((finding, choice))
+            merged.append((finding, choice))
         else:
-            both = {*left[alike][1].joints, *choice.joints}
+            both = {*merged[alike][1].joints, *choice.joints}
             own = tuple(name for name in robot.tree.joint_names if name in both)
-            left[alike] = left[alike][0], replace(left[alike][1], joints=own)
+            merged[alike] = merged[alike][0], replace(merged[alike][1], joints=own)
     order = {id(finding): k for k, finding in enumerate(picks)}
-    left.sort(key=lambda pair: order[id(pair[0])])
-    return tuple(finding for finding, _ in left), tuple(choice for _, choice in left)
+    merged.sort(key=lambda pair: order[id(pair[0])])
+    return tuple(finding for finding, _ in merged), tuple(choice for _, choice in merged)
 
 
 def _parts(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> list[Finding]:
@@ -73,7 +73,7 @@ def _parts(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> 
     if len(group.joints) < 2 or all(spec.refined is None for spec in effect_by_id(group.effect).shapes):
         return [finding]
     each = [_own(data, pool, state, group, joint) for joint in group.joints]
-    shapes = {one.shape: [other for other in each if other.shape == one.shape] for one in each}
+    shapes = {candidate.shape: [other for other in each if other.shape == candidate.shape] for candidate in each}
     if len(shapes) < 2:
         return [finding]
     rest = tuple(k for k in state.base if k not in finding.columns)
@@ -89,13 +89,14 @@ def _own(data: PhasedProducts, pool: Pool, state: State, group: Candidate, joint
     mine = columns_on(pool, group, joint)
     same = Candidate(group.effect, (joint,), group.shape, mine, group.runs)
     others = [
-        one
-        for one in pool.candidates
-        if (one.effect, one.joints, one.runs) == (group.effect, (joint,), group.runs) and one.columns != mine
+        candidate
+        for candidate in pool.candidates
+        if (candidate.effect, candidate.joints, candidate.runs) == (group.effect, (joint,), group.runs)
+        and candidate.columns != mine
     ]
     rest = tuple(k for k in state.base if k not in mine)
     first, *judged = judge_all(data, pool, rest, [same, *others], state.noise)
-    best = max(judged, key=lambda item: item.total_gain, default=first)
+    best = max(judged, key=lambda scored: scored.total_gain, default=first)
     return best.candidate if _told_apart(first, best) else same
 
 
@@ -105,11 +106,13 @@ def _told_apart(group: JudgedCandidate, own: JudgedCandidate) -> bool:
     return float(more.sum()) >= _OWN_DROP * float(group.after_weighted.sum()) and t_of(more) >= _OWN_T
 
 
-def _together(some: list[Candidate]) -> Candidate:
+def _together(candidates: list[Candidate]) -> Candidate:
     """Candidates of an effect on single joints, with the same constants, as one."""
-    first = some[0]
-    joints = tuple(joint for one in some for joint in one.joints)
-    return Candidate(first.effect, joints, first.shape, tuple(k for one in some for k in one.columns), first.runs)
+    first = candidates[0]
+    joints = tuple(joint for candidate in candidates for joint in candidate.joints)
+    return Candidate(
+        first.effect, joints, first.shape, tuple(k for candidate in candidates for k in candidate.columns), first.runs
+    )
 
 
 def _beside(

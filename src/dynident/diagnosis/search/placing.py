@@ -29,19 +29,19 @@ def placed(
         return tuple(picks)
     model = identification.model
     places = {k: _places(picks[k].judged.candidate.choice, model.robot.joint_names) for k in loose}
-    choices = [pick.judged.candidate.choice for pick in picks] + [one for own in places.values() for one in own]
+    choices = [pick.judged.candidate.choice for pick in picks] + [choice for own in places.values() for choice in own]
     pool = pool_of(model, choices)
     data = gather(
         pool.observation, model.signals, recordings, identification.preprocessing, reference, model.n_parameters
     )
-    found = list(picks)
+    placed_findings = list(picks)
     for k in loose:
-        others = [pool.candidate(pick.judged.candidate.choice) for i, pick in enumerate(found) if i != k]
+        others = [pool.candidate(pick.judged.candidate.choice) for i, pick in enumerate(placed_findings) if i != k]
         base = (*range(pool.n_base), *(column for other in others if other for column in other.columns))
         candidates = [candidate for choice in places[k] if (candidate := pool.candidate(choice))]
         judged = judge_all(data, pool, base, candidates, identification.noise)
-        found[k] = _at_its_place(found[k], judged, model.robot.joint_names)
-    return tuple(found)
+        placed_findings[k] = _at_its_place(placed_findings[k], judged, model.robot.joint_names)
+    return tuple(placed_findings)
 
 
 def _as_good(best: JudgedCandidate, other: JudgedCandidate) -> bool:
@@ -58,8 +58,10 @@ def _places(choice: EffectChoice, joints: Sequence[str]) -> list[EffectChoice]:
 
 
 def _at_its_place(pick: Finding, judged: Sequence[JudgedCandidate], joints: Sequence[str]) -> Finding:
-    best = max(judged, key=lambda item: item.total_gain)
-    alike = [item for item in judged if item is best or _as_good(best, item)]
-    outer = max(alike, key=lambda item: joints.index(item.candidate.joints[0]))
-    here = replace(outer, p=pick.p)
-    return replace(pick, judged=here, equal=(*pick.equal, *(item for item in alike if item is not outer)), around=())
+    best = max(judged, key=lambda scored: scored.total_gain)
+    alike = [scored for scored in judged if scored is best or _as_good(best, scored)]
+    outer = max(alike, key=lambda scored: joints.index(scored.candidate.joints[0]))
+    outer_scored = replace(outer, p=pick.p)
+    return replace(
+        pick, judged=outer_scored, equal=(*pick.equal, *(scored for scored in alike if scored is not outer)), around=()
+    )

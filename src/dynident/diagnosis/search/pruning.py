@@ -40,11 +40,11 @@ def pruned(data: PhasedProducts, pool: Pool, state: State) -> State:
     while len(state.picks) > 1:
         judged = [(_again(data, pool, state, finding), finding) for finding in state.picks if not finding.is_transient]
         weak = [
-            (item, finding)
-            for item, finding in judged
-            if not item.lasts(_PRUNE_DROP, _PRUNE_T)
-            or not _still_possible(data, pool, state, item)
-            or any(shadowed(item, other, state.floor) for other, pick in judged if pick is not finding)
+            (scored, finding)
+            for scored, finding in judged
+            if not scored.lasts(_PRUNE_DROP, _PRUNE_T)
+            or not _still_possible(data, pool, state, scored)
+            or any(shadowed(scored, other, state.floor) for other, pick in judged if pick is not finding)
         ]
         if not weak:
             break
@@ -63,13 +63,13 @@ def _again(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> 
     return judge_one(data, pool, base, finding.judged.candidate, state.noise)
 
 
-def _still_possible(data: PhasedProducts, pool: Pool, state: State, item: JudgedCandidate) -> bool:
+def _still_possible(data: PhasedProducts, pool: Pool, state: State, scored: JudgedCandidate) -> bool:
     """Whether a change of one joint may be so beside what was found since: what no day has any more cannot be less."""
-    candidate = item.candidate
+    candidate = scored.candidate
     if len(candidate.joints) != 1 or not pool.is_change(candidate):
         return True
     rest = tuple(k for k in state.base if k not in candidate.columns)
-    return plausible(data, pool, rest, state.noise, item)
+    return plausible(data, pool, rest, state.noise, scored)
 
 
 def trimmed(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, ...]]:
@@ -77,8 +77,8 @@ def trimmed(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, .
     base = state.base
     joints = []
     for finding in state.picks:
-        kept, base = _members(data, pool, replace(state, base=base), finding.judged.candidate)
-        joints.append(kept)
+        members, base = _members(data, pool, replace(state, base=base), finding.judged.candidate)
+        joints.append(members)
     return joints
 
 
@@ -96,22 +96,22 @@ def _members(
         own = columns_on(pool, group, joint)
         rest = tuple(k for k in base if k not in own)
         alone = Candidate(group.effect, (joint,), group.shape, own, group.runs)
-        item = judge_one(data, pool, rest, alone, state.noise)
-        gains[joint] = item.total_gain
+        scored = judge_one(data, pool, rest, alone, state.noise)
+        gains[joint] = scored.total_gain
         # What a group's other days had, it may have lost to another finding since: then it cannot have become less.
-        if pool.is_change(alone) and not plausible(data, pool, rest, state.noise, item):
+        if pool.is_change(alone) and not plausible(data, pool, rest, state.noise, scored):
             base = rest
-        elif _gains(data, pool, state, item, JOINT_T if item.drop < LARGE_DROP else JOINT_T_OF_LARGE):
+        elif _gains(data, pool, state, scored, JOINT_T if scored.drop < LARGE_DROP else JOINT_T_OF_LARGE):
             firm.append(joint)
-        elif _gains(data, pool, state, item, _STAYS_T):
+        elif _gains(data, pool, state, scored, _STAYS_T):
             likely.append(joint)
         else:
             base = rest
     if 2 * len(firm) < len(pool.observation.robot.joint_names):
-        gone = {k for joint in likely for k in columns_on(pool, group, joint)}
-        base, likely = tuple(k for k in base if k not in gone), []
-    kept = tuple(joint for joint in group.joints if joint in firm or joint in likely)
-    return kept or (max(gains, key=lambda name: gains[name]),), base
+        removed = {k for joint in likely for k in columns_on(pool, group, joint)}
+        base, likely = tuple(k for k in base if k not in removed), []
+    members = tuple(joint for joint in group.joints if joint in firm or joint in likely)
+    return members or (max(gains, key=lambda name: gains[name]),), base
 
 
 def _gains(data: PhasedProducts, pool: Pool, state: State, alone: JudgedCandidate, least_t: float) -> bool:

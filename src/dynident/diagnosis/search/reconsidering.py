@@ -48,19 +48,25 @@ def _renamed(rows: Rows, data: PhasedProducts, pool: Pool, state: State, number:
     finding = state.picks[number]
     mine = finding.judged.candidate
     others = (*state.picks[:number], *state.picks[number + 1 :])
-    beside = replace(state, base=tuple(k for k in state.base if k not in finding.columns), picks=others)
-    free = [one for one in pool.candidates if one.joints == mine.joints and one.runs == mine.runs]
-    free = [one for one in free if _may_be_asked(one, others) and not set(one.columns) & set(beside.base)]
-    judged = judge_all(data, pool, beside.base, free, state.noise)
+    without_it = replace(state, base=tuple(k for k in state.base if k not in finding.columns), picks=others)
+    free = [
+        candidate for candidate in pool.candidates if candidate.joints == mine.joints and candidate.runs == mine.runs
+    ]
+    free = [
+        candidate
+        for candidate in free
+        if _may_be_asked(candidate, others) and not set(candidate.columns) & set(without_it.base)
+    ]
+    judged = judge_all(data, pool, without_it.base, free, state.noise)
     # That something is there was tested among all that could be.
-    judged = [replace(item, p=finding.p) for item in judged]
-    choice = choose(data, pool, beside, judged)
+    judged = [replace(scored, p=finding.p) for scored in judged]
+    choice = choose(data, pool, without_it, judged)
     if choice is None:
         return state
-    chosen, equal = settled(rows.model, pool, beside, choice, judged, rows.products)
+    chosen, equal = settled(rows.model, pool, without_it, choice, judged, rows.products)
     new = Finding(chosen, equal, finding.p)
     picks = (*state.picks[:number], new, *state.picks[number + 1 :])
-    return replace(state, base=beside.base + new.columns, picks=picks)
+    return replace(state, base=without_it.base + new.columns, picks=picks)
 
 
 def is_of_position(finding: Finding) -> bool:
@@ -70,7 +76,7 @@ def is_of_position(finding: Finding) -> bool:
 
 def _may_be_a_wave(finding: Finding) -> bool:
     """Whether it is, or might be called, a wave over the joint's angle."""
-    names = {finding.judged.candidate.effect, *(item.candidate.effect for item in finding.equal)}
+    names = {finding.judged.candidate.effect, *(scored.candidate.effect for scored in finding.equal)}
     known = {other for name in names for other in (name, *effect_by_id(name).confused_with, *effect_by_id(name).covers)}
     return any(effect_by_id(name).proposal == "angle_spectrum" for name in known)
 
@@ -85,5 +91,5 @@ def _may_be_asked(candidate: Candidate, others: Sequence[Finding]) -> bool:
     )
 
 
-def _share_a_joint(one: Finding, other: Finding) -> bool:
-    return bool(set(one.judged.candidate.joints) & set(other.judged.candidate.joints))
+def _share_a_joint(first: Finding, second: Finding) -> bool:
+    return bool(set(first.judged.candidate.joints) & set(second.judged.candidate.joints))

@@ -45,28 +45,28 @@ def refined(
     A peak of friction whose best width is below what the data resolve made up for sticking, not for Stribeck friction.
     `since`: labels of the later runs, where what changed is asked.
     """
-    kept = placed(identification, picks, recordings, reference)
-    choices = tuple(finding.judged.candidate.choice for finding in kept)
+    findings = placed(identification, picks, recordings, reference)
+    choices = tuple(finding.judged.candidate.choice for finding in findings)
     if not choices:
         return (), ()
     model, preprocessing = identification.model, identification.preprocessing
     choices = refine_shapes(model, choices, recordings, preprocessing, reference, part(progress, 0.0, 0.5))
-    kept, choices = joined(kept, choices, model.robot, resolved)
+    findings, choices = joined(findings, choices, model.robot, resolved)
     visible = [i for i, choice in enumerate(choices) if width_shows(choice, model.robot, resolved)]
-    kept, choices = tuple(kept[i] for i in visible), tuple(choices[i] for i in visible)
+    findings, choices = tuple(findings[i] for i in visible), tuple(choices[i] for i in visible)
     while choices:
         reference = improved(model, choices, recordings, preprocessing, reference)
-        lean = _Lean.of(model, kept, choices, since, recordings, preprocessing, reference)
+        lean = _Lean.of(model, findings, choices, since, recordings, preprocessing, reference)
         slimmer, needed = lean.needed(floor, preprocessing)
         if slimmer == choices:
             break
-        kept = tuple(kept[i] for i in needed)
+        findings = tuple(findings[i] for i in needed)
         choices = refine_shapes(model, slimmer, recordings, preprocessing, reference)
     if not choices:
         return (), ()
-    seen = [i for i in _lasting(model, choices) if width_shows(choices[i], model.robot, resolved)]
-    lasting = lean.helpful(sorted(seen, key=lambda i: -explained(kept[i].judged, floor)))
-    return tuple(kept[i] for i in lasting), tuple(choices[i] for i in lasting)
+    resolved_indices = [i for i in _lasting(model, choices) if width_shows(choices[i], model.robot, resolved)]
+    lasting = lean.helpful(sorted(resolved_indices, key=lambda i: -explained(findings[i].judged, floor)))
+    return tuple(findings[i] for i in lasting), tuple(choices[i] for i in lasting)
 
 
 def improved(
@@ -129,12 +129,12 @@ class _Lean:
         columns = list(model.kept)
         refined: list[Finding] = []
         for finding, choice in zip(picks, choices, strict=True):
-            made = columns_of([choice], model.signals)
-            numbers = tuple(range(len(columns), len(columns) + len(made)))
+            new_columns = columns_of([choice], model.signals)
+            numbers = tuple(range(len(columns), len(columns) + len(new_columns)))
             candidate = Candidate(choice.effect, choice.joints, choice.shape, numbers, choice.runs)
             # Neighbours of a coarse constant have done their part.
             refined.append(replace(finding, judged=replace(finding.judged, candidate=candidate), around=()))
-            columns += made
+            columns += new_columns
         observation = model.observation.extended(columns[model.n_parameters :], model.signals)
         pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined), since)
         data = gather(observation, model.signals, recordings, preprocessing, reference, model.n_parameters)
@@ -146,8 +146,8 @@ class _Lean:
         state = State(everything, noise_left(self.data, everything), floor, self.findings)
         state = without_faded_contacts(self.data, self.pool, state, preprocessing)
         state = pruned(self.data, self.pool, state)
-        left = {finding.judged.candidate for finding in state.picks}
-        indices = [i for i, finding in enumerate(self.findings) if finding.judged.candidate in left]
+        remaining = {finding.judged.candidate for finding in state.picks}
+        indices = [i for i, finding in enumerate(self.findings) if finding.judged.candidate in remaining]
         joints = trimmed(self.data, self.pool, state)
         slim = [
             replace(self.findings[i].judged.candidate.choice, joints=own)

@@ -42,13 +42,13 @@ def helpful(
     columns : those of each finding, the most important first
     noise : (n,)
     """
-    kept: list[int] = []
+    accepted: list[int] = []
     waiting = list(range(len(columns)))
-    while (found := next((k for k in waiting if _helps(data, base, columns[k], noise)), None)) is not None:
-        kept.append(found)
-        waiting.remove(found)
-        base += columns[found]
-    return kept
+    while (number := next((k for k in waiting if _helps(data, base, columns[k], noise)), None)) is not None:
+        accepted.append(number)
+        waiting.remove(number)
+        base += columns[number]
+    return accepted
 
 
 def _helps(data: PhasedProducts, base: tuple[int, ...], own: tuple[int, ...], noise: FloatArray) -> bool:

@@ -48,7 +48,7 @@ def search(
     """
     firm = generalises(data.of(state.base), state)
     judged, undetermined, contacts = first, False, state.picks
-    remaining, asleep = [item.candidate for item in first], pool.faint
+    remaining, asleep = [scored.candidate for scored in first], pool.faint
     while len(state.picks) < most:
         progress(len(state.picks) / most, f"{len(state.picks)} effects found, {len(remaining)} candidates")
         choice = choose(data, pool, state, judged)
@@ -71,7 +71,7 @@ def search(
         # What the constants of a function of the position are off by looks like a wave, too: that is no trace of one.
         known = {name for pick in state.picks if is_of_position(pick) for name in pick.judged.candidate.joints}
         hidden = set(reached) - known
-        awake = [one for one in pool.candidates if one in asleep and set(one.joints) <= hidden]
+        awake = [candidate for candidate in pool.candidates if candidate in asleep and set(candidate.joints) <= hidden]
         remaining, asleep = remaining + awake, asleep.difference(awake)
         remaining = [c for c in remaining if not _superseded(c, chosen.candidate, reached)]
         if not remaining:
@@ -112,15 +112,15 @@ def _around(pool: Pool, chosen: Candidate, base: tuple[int, ...]) -> tuple[int, 
     specs = [spec.name for spec in effect_by_id(chosen.effect).shapes if spec.refined is not None]
     mine = dict(chosen.shape)
     kin = [c for c in pool.candidates if c.effect == chosen.effect and set(chosen.joints) <= set(c.joints)]
-    found: list[int] = []
+    columns: list[int] = []
     for name in specs:
         rest = {key: value for key, value in mine.items() if key != name}
         others = [(dict(c.shape)[name], c) for c in kin if {k: v for k, v in c.shape if k != name} == rest]
         above = min((value for value, _ in others if value > mine[name]), default=None)
         below = max((value for value, _ in others if value < mine[name]), default=None)
         near = [c for value, c in others if value in (above, below)]
-        found += [k for neighbour in near for k in neighbour.columns if _on(pool, k, chosen)]
-    return tuple(k for k in dict.fromkeys(found) if k not in base and k not in chosen.columns)
+        columns += [k for neighbour in near for k in neighbour.columns if _on(pool, k, chosen)]
+    return tuple(k for k in dict.fromkeys(columns) if k not in base and k not in chosen.columns)
 
 
 def _on(pool: Pool, column: int, candidate: Candidate) -> bool:

@@ -38,6 +38,6 @@ class Source:
 
     def with_findings(self, findings: Sequence[Finding]) -> Source:
         """The same, with the torque predicted by the model with these findings in it."""
-        found = [finding.judged.candidate.choice for finding in findings]
-        better = improved(self.model, found, self.recordings, self.preprocessing, self.reference)
+        choices = [finding.judged.candidate.choice for finding in findings]
+        better = improved(self.model, choices, self.recordings, self.preprocessing, self.reference)
         return replace(self, reference=better)

@@ -81,23 +81,24 @@ def judge_all(
     sets: dict[tuple[bool, bool], list[int]] = {}
     for k, candidate in enumerate(candidates):
         sets.setdefault(kinds or data.kinds(candidate.columns), []).append(k)
-    found: list[JudgedCandidate | None] = [None] * len(candidates)
+    judged: list[JudgedCandidate | None] = [None] * len(candidates)
     scores: list[FloatArray] = [np.zeros((0, 1))] * len(candidates)
     for used, members in sets.items():
         own = [candidates[k] for k in members]
         rows = data.beside(base, np.array(used))
         blocks = Blocks.of(rows, np.array(base, dtype=np.intp), own)
         total = blocks.summed(noise)
-        for k, item in zip(members, _judged(rows, blocks, total, pool, own, noise), strict=True):
-            found[k] = item
+        for k, scored_candidate in zip(members, _judged(rows, blocks, total, pool, own, noise), strict=True):
+            judged[k] = scored_candidate
         for k, each in zip(members, contributed(blocks, total, len(own), noise), strict=True):
-            told = pool.is_change(candidates[k]) or _told_by_scores(candidates[k])
-            scores[k] = each if told else np.zeros_like(each)
-    whole = [item for item in found if item is not None]
+            by_scores = pool.is_change(candidates[k]) or _told_by_scores(candidates[k])
+            scores[k] = each if by_scores else np.zeros_like(each)
+    whole = [scored_candidate for scored_candidate in judged if scored_candidate is not None]
     if not whole:
         return []
-    p = family_wise_p(np.array([item.gains for item in whole]), scores)
-    return [replace(item, p=float(value)) for item, value in zip(whole, p, strict=True)]
+    # One test for all candidates of a round: the more are tried, the larger the best of them is by chance.
+    p = family_wise_p(np.array([scored_candidate.gains for scored_candidate in whole]), scores)
+    return [replace(scored_candidate, p=float(value)) for scored_candidate, value in zip(whole, p, strict=True)]
 
 
 def judge_one(
@@ -123,12 +124,12 @@ def _judged(
     data: Products, blocks: Blocks, total: Sums, pool: Pool, candidates: Sequence[Candidate], noise: FloatArray
 ) -> list[JudgedCandidate]:
     """Judge candidates that are all about the same rows."""
-    found = [scored(data, blocks, total, candidates, noise, kind) for kind in KINDS]
-    bars = [Bar.of(before, noise) for before, _ in found]
+    scores_by_kind = [scored(data, blocks, total, candidates, noise, kind) for kind in KINDS]
+    bars = [Bar.of(before, noise) for before, _ in scores_by_kind]
     acting = acted_on(pool)
     return [
         judge(pair, _joints(acting, candidate), noise, bars)
-        for candidate, *pair in zip(candidates, *(scores for _, scores in found), strict=True)
+        for candidate, *pair in zip(candidates, *(scores for _, scores in scores_by_kind), strict=True)
     ]
 
 

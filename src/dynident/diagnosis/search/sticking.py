@@ -113,23 +113,23 @@ class Halts:
 
 def halts_of(comparisons: Sequence[Comparison], joint: int) -> Halts:
     """The halts of a joint in the comparisons of one model."""
-    found: list[tuple[float, ...]] = []
-    for one in comparisons:
-        standing = one.phase[:, joint] == Phase.STANDING
-        broken = np.concatenate([[True], np.diff(one.segment) != 0, [True]])
+    halts: list[tuple[float, ...]] = []
+    for comparison in comparisons:
+        standing = comparison.phase[:, joint] == Phase.STANDING
+        broken = np.concatenate([[True], np.diff(comparison.segment) != 0, [True]])
         edge = np.diff(np.concatenate([[False], standing, [False]]).astype(int))
         starts = np.flatnonzero(standing & ((edge[:-1] == 1) | broken[:-1]))
         ends = np.flatnonzero(standing & ((edge[1:] == -1) | broken[1:])) + 1
-        rest, hold = one.residual[:, joint], 0.5 * (one.upper - one.lower)[:, joint]
+        rest, hold = comparison.residual[:, joint], 0.5 * (comparison.upper - comparison.lower)[:, joint]
         for a, b in zip(starts, ends, strict=True):
             most = int(a + np.abs(rest[a:b]).argmax())
             # The rows beside a halt move; at either end of a run there are none.
             after = broken[a] or (b - most <= most - a and not broken[b])
-            beside = min(int(b), len(rest) - 1) if after else int(a) - 1
-            along = rest[most] * one.dq[beside, joint] > 0.0
-            measured = (one.measured[a:b, joint] ** 2).sum()
-            found.append((abs(rest[most]), hold[a:b].mean(), (rest[a:b] ** 2).sum(), measured, along))
-    return Halts(*np.array(found, dtype=float).reshape(-1, 5).T)
+            moving_row = min(int(b), len(rest) - 1) if after else int(a) - 1
+            along = rest[most] * comparison.dq[moving_row, joint] > 0.0
+            measured = (comparison.measured[a:b, joint] ** 2).sum()
+            halts.append((abs(rest[most]), hold[a:b].mean(), (rest[a:b] ** 2).sum(), measured, along))
+    return Halts(*np.array(halts, dtype=float).reshape(-1, 5).T)
 
 
 def held_at_rest(
@@ -147,21 +147,21 @@ def held_at_rest(
     final : its comparisons with the recordings
     asked : ids of the effects that may be found; None for all
     """
-    final, found = list(final), []
+    final, findings = list(final), []
     names = final[0].joint_names
     for joint in range(len(names)):
         halts = halts_of(final, joint)
         noise = float(final[0].noise[joint])
         if halts.p(noise) > _WORTH_A_LOOK or not halts.are_as_friction_has_them:
             continue
-        tried = _best(grown, recordings, joint, halts, asked)
-        if tried is None:
+        candidate = _best(grown, recordings, joint, halts, asked)
+        if candidate is None:
             continue
-        p = min(1.0, len(names) * _together(halts.p(noise), tried.p))
+        p = min(1.0, len(names) * _together(halts.p(noise), candidate.p))
         if p > ALPHA:
             continue
         try:
-            larger = extend(grown, [tried.candidate.choice], recordings)
+            larger = extend(grown, [candidate.candidate.choice], recordings)
         except DynidentError:
             continue
         after = [compare(larger, recording) for recording in recordings]
@@ -169,15 +169,15 @@ def held_at_rest(
         worse = larger.fit_moving.rms[joint] > _NOTICED * grown.fit_moving.rms[joint]
         if worse or len(held.beyond) != len(halts.beyond) or held.beyond.sum() > _LEFT * halts.beyond.sum():
             continue
-        judged = replace(_judged(tried, joint, halts, held, final[0].noise), p=p)
+        judged = replace(_judged(candidate, joint, halts, held, final[0].noise), p=p)
         why = (
             f"These are halts: in {halts.many(noise)} of {len(halts.beyond)} the joint held {_MUCH:.0%} or more beyond "
             f"what the model's friction does, {np.median(halts.share):.0%} in the middle one. At which speed that "
             "falls off is hardly resolved."
         )
-        found.append(Finding(judged, tuple(_alike(judged)), p, why=why))
+        findings.append(Finding(judged, tuple(_alike(judged)), p, why=why))
         grown, final = larger, after
-    return grown, final, tuple(found)
+    return grown, final, tuple(findings)
 
 
 def _together(at_rest: float, moving: float) -> float:
@@ -211,7 +211,9 @@ class _Fitted:
     def width(self) -> float:
         """The constant that a filtered position has to resolve."""
         shape = dict(self.candidate.shape)
-        return next(shape[one.name] for one in CATALOGUE[self.candidate.effect].shapes if one.resolved_by is not None)
+        return next(
+            shape[spec.name] for spec in CATALOGUE[self.candidate.effect].shapes if spec.resolved_by is not None
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,27 +235,27 @@ class _Beside:
     @property
     def fitted(self) -> list[_Fitted]:
         """Every candidate that has a column of its own, by its width."""
-        found = []
+        fits = []
         for candidate in self.pool.candidates:
             rows = self.data.beside(self._base, np.array(self.data.kinds(candidate.columns)))
             columns = np.array(self._base, dtype=np.intp)
             *_, separability, own = fitted_errors(rows, columns, candidate, self.grown.noise)
-            found.append(_Fitted(candidate, separability, own))
-        return sorted(found, key=lambda one: one.width)
+            fits.append(_Fitted(candidate, separability, own))
+        return sorted(fits, key=lambda fit: fit.width)
 
-    def asked(self, one: _Fitted) -> _Fitted:
+    def asked(self, fit: _Fitted) -> _Fitted:
         """The same with what speaks for it where joints move: the weaker of both kinds of folds."""
-        rows = self.data.beside(self._base, np.array(self.data.kinds(one.candidate.columns)))
+        rows = self.data.beside(self._base, np.array(self.data.kinds(fit.candidate.columns)))
         base, noise = np.array(self._base, dtype=np.intp), self.grown.noise
         p = 0.0
         for kind in KINDS:
-            before, (score,) = score_candidates(rows, base, [one.candidate], noise, kind)
+            before, (score,) = score_candidates(rows, base, [fit.candidate], noise, kind)
             p = max(p, chance_of(((before - score.after) / noise**2).sum(axis=1)))
-        return replace(one, p=p)
+        return replace(fit, p=p)
 
-    def helps(self, one: _Fitted) -> bool:
+    def helps(self, fit: _Fitted) -> bool:
         """Whether it makes nothing worse where joints move."""
-        return bool(helpful(self.data, self._base, [one.candidate.columns], self.grown.noise))
+        return bool(helpful(self.data, self._base, [fit.candidate.columns], self.grown.noise))
 
     @property
     def _base(self) -> tuple[int, ...]:
@@ -265,7 +267,7 @@ def _best(
 ) -> _Fitted | None:
     """The friction whose size, from where the joint moves, is what is held: the narrower, the larger it has to be."""
     robot, name = grown.model.robot, grown.model.robot.joint_names[joint]
-    known = {one.effect for one in grown.choices.effects if not one.joints or name in one.joints}
+    known = {choice.effect for choice in grown.choices.effects if not choice.joints or name in choice.joints}
     needed = float(np.quantile(halts.beyond, 0.9))
     for effect in CATALOGUE.values():
         if not effect.holds_at_rest or effect.id in known or (asked is not None and effect.id not in asked):
@@ -273,14 +275,14 @@ def _best(
         if extrapolated(effect, known):
             continue
         shapes = [tuple(sorted(shape.items())) for shape in _narrow(effect, robot, joint)]
-        tried = _Beside.of(grown, recordings, [EffectChoice(effect.id, (name,), shape) for shape in shapes])
-        shape = _as_large(tried.fitted, needed)
+        coarse = _Beside.of(grown, recordings, [EffectChoice(effect.id, (name,), shape) for shape in shapes])
+        shape = _as_large(coarse.fitted, needed)
         if shape is None:
             continue
-        beside = _Beside.of(grown, recordings, [EffectChoice(effect.id, (name,), shape)])
-        found = next(iter(beside.fitted), None)
-        if found is not None and 1 / _LIKE <= found.size / needed <= _LIKE and beside.helps(found):
-            return beside.asked(found)
+        exact = _Beside.of(grown, recordings, [EffectChoice(effect.id, (name,), shape)])
+        fit = next(iter(exact.fitted), None)
+        if fit is not None and 1 / _LIKE <= fit.size / needed <= _LIKE and exact.helps(fit):
+            return exact.asked(fit)
     return None
 
 
@@ -290,18 +292,18 @@ def extrapolated(effect: Effect, known: Collection[str]) -> bool:
     Such a law has no width that a position has to resolve. A power of the velocity below one takes much of the Coulomb
     friction with it; what then holds the joint beyond that tells of the power, not of another friction.
     """
-    laws = [CATALOGUE[one] for one in known if one in effect.confused_with]
+    laws = [CATALOGUE[effect_id] for effect_id in known if effect_id in effect.confused_with]
     return any(all(spec.resolved_by is None for spec in law.shapes) for law in laws)
 
 
-def _as_large(tried: Sequence[_Fitted], needed: float) -> tuple[tuple[str, float], ...] | None:
+def _as_large(fits: Sequence[_Fitted], needed: float) -> tuple[tuple[str, float], ...] | None:
     """Shape constants with which the friction has a size, from those `tried` in the order of their widths."""
-    for narrow, wide in reversed(list(pairwise(tried))):
+    for narrow, wide in reversed(list(pairwise(fits))):
         large, small = narrow.size / needed, wide.size / needed
         if large >= 1.0 > small > 0.0:
             share = np.log(large) / (np.log(large) - np.log(small))
             width = narrow.width * (wide.width / narrow.width) ** float(share)
-            changed = {one.name for one in CATALOGUE[wide.candidate.effect].shapes if one.resolved_by is not None}
+            changed = {spec.name for spec in CATALOGUE[wide.candidate.effect].shapes if spec.resolved_by is not None}
             return tuple((name, width if name in changed else value) for name, value in wide.candidate.shape)
     return None
 
@@ -310,27 +312,27 @@ def _alike(judged: JudgedCandidate) -> list[JudgedCandidate]:
     """Other friction at the start of a motion that halts alone do not tell from it."""
     mine = judged.candidate.effect
     others = [
-        one
-        for one in CATALOGUE.values()
-        if mine in one.confused_with and one.is_friction and one.at_starts(one.shape_with_defaults({}))
+        effect
+        for effect in CATALOGUE.values()
+        if mine in effect.confused_with and effect.is_friction and effect.at_starts(effect.shape_with_defaults({}))
     ]
-    return [replace(judged, candidate=replace(judged.candidate, effect=one.id, shape=())) for one in others]
+    return [replace(judged, candidate=replace(judged.candidate, effect=effect.id, shape=())) for effect in others]
 
 
 def _narrow(effect: Effect, robot: Robot, joint: int) -> list[dict[str, float]]:
     """The effect's grid, and on below what is resolved, in half octaves; constants that nothing resolves as usual."""
     usual = [spec for spec in effect.shapes if spec.resolved_by is None]
-    grid = [shape for shape in effect.grid(robot, joint) if all(shape[one.name] == one.default for one in usual)]
-    found = [dict(shape) for shape in grid]
+    grid = [shape for shape in effect.grid(robot, joint) if all(shape[spec.name] == spec.default for spec in usual)]
+    shapes = [dict(shape) for shape in grid]
     for spec in effect.shapes:
         if spec.resolved_by is not None:
             least = min(grid, key=lambda shape: shape[spec.name])
             steps = [2.0 ** (-0.5 * k) for k in range(1, _HALF_OCTAVES + 1)]
-            found += [{**least, spec.name: least[spec.name] * step} for step in steps]
-    return found
+            shapes += [{**least, spec.name: least[spec.name] * step} for step in steps]
+    return shapes
 
 
-def _judged(tried: _Fitted, joint: int, halts: Halts, held: Halts, noise: FloatArray) -> JudgedCandidate:
+def _judged(fit: _Fitted, joint: int, halts: Halts, held: Halts, noise: FloatArray) -> JudgedCandidate:
     """The candidate with the joint's halts as the stretches that were left out of the fit."""
     before, after = (np.zeros((len(halts.squares), len(noise))) for _ in range(2))
     before[:, joint], after[:, joint] = halts.squares, held.squares
@@ -339,7 +341,7 @@ def _judged(tried: _Fitted, joint: int, halts: Halts, held: Halts, noise: FloatA
     gains = (halts.squares - held.squares) / noise[joint] ** 2
     drop = 1.0 - float(held.squares.sum() / halts.squares.sum())
     return JudgedCandidate(
-        candidate=tried.candidate,
+        candidate=fit.candidate,
         joints=(joint,),
         before=before,
         after=after,
@@ -347,8 +349,8 @@ def _judged(tried: _Fitted, joint: int, halts: Halts, held: Halts, noise: FloatA
         total_drop=drop,
         t=float(evenness(gains[None])[0]),
         gains=gains,
-        separability=tried.separability,
-        amplitudes=tried.amplitudes,
+        separability=fit.separability,
+        amplitudes=fit.amplitudes,
         share_improved=float(np.mean(gains > 0)),
         measured=measured,
         after_weighted=held.squares / noise[joint] ** 2,

@@ -44,24 +44,26 @@ def find_contacts(
     preprocessing : what the torque was filtered with: twice its cut-off independent samples a second come out of it
     """
     band = preprocessing.torque_cutoff or _BAND
-    tried = [
-        one for one in pool.candidates if effect_by_id(one.effect).is_transient and _length(one) >= _LASTING / band
+    bursting = [
+        candidate
+        for candidate in pool.candidates
+        if effect_by_id(candidate.effect).is_transient and _length(candidate) >= _LASTING / band
     ]
     bursts: dict[tuple[tuple[str, ...], float, float], list[Candidate]] = {}
-    for candidate in tried:
+    for candidate in bursting:
         window = dict(candidate.shape)
         bursts.setdefault((candidate.runs, window["t0"], window["t1"]), []).append(candidate)
-    found: list[Finding] = []
+    contacts: list[Finding] = []
     columns = base
     for links in bursts.values():
         rows = data.beside(columns, np.zeros(2, dtype=bool))
         # Of the links that may be pushed, the one that leaves least.
-        trials = (_tried(rows, columns, one, noise, 2 * band * _length(one)) for one in links)
+        trials = (_tried(rows, columns, link, noise, 2 * band * _length(link)) for link in links)
         judged, p = max(trials, key=lambda trial: trial[0].t)
-        if judged.drop >= _EXPLAINED and p * len(tried) <= _LARGEST_P:
-            found.append(Finding(judged, (), p * len(tried)))
+        if judged.drop >= _EXPLAINED and p * len(bursting) <= _LARGEST_P:
+            contacts.append(Finding(judged, (), p * len(bursting)))
             columns = columns + judged.candidate.columns
-    return tuple(found)
+    return tuple(contacts)
 
 
 def _length(candidate: Candidate) -> float:
@@ -80,9 +82,15 @@ def without_faded_contacts(data: PhasedProducts, pool: Pool, state: State, prepr
         return state
     touched = {k for finding in contacts for k in finding.columns}
     rest = tuple(k for k in state.base if k not in touched)
-    again = {item.judged.candidate for item in find_contacts(data, pool, rest, state.noise, preprocessing)}
-    picks = tuple(one for one in state.picks if not one.is_transient or one.judged.candidate in again)
-    return replace(state, picks=picks, base=(*rest, *(k for one in picks if one.is_transient for k in one.columns)))
+    still_contacts = {
+        contact.judged.candidate for contact in find_contacts(data, pool, rest, state.noise, preprocessing)
+    }
+    picks = tuple(
+        finding for finding in state.picks if not finding.is_transient or finding.judged.candidate in still_contacts
+    )
+    return replace(
+        state, picks=picks, base=(*rest, *(k for finding in picks if finding.is_transient for k in finding.columns))
+    )
 
 
 def _tried(
@@ -98,8 +106,8 @@ def _tried(
     drop = float(gains[strong].sum()) / excess if excess > 0 else 0.0
     k = len(candidate.columns)
     freedom = max(independent * data.n_joints - k, 1.0)
-    left = max(excess - float(gains[strong].sum()), usual * 0.1, 1e-12)
-    f = float(gains[strong].sum()) / k / (left / freedom)
+    remaining = max(excess - float(gains[strong].sum()), usual * 0.1, 1e-12)
+    f = float(gains[strong].sum()) / k / (remaining / freedom)
     judged = JudgedCandidate(
         candidate=candidate,
         joints=tuple(range(data.n_joints)),

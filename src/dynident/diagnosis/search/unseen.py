@@ -33,10 +33,10 @@ def nothing_left(first: Sequence[JudgedCandidate]) -> tuple[Invisible, ...]:
         All candidates beside the model alone.
     """
     shares: dict[Key, float] = {}
-    for item in first:
-        if len(item.candidate.joints) <= 1:
-            key = (item.candidate.effect, item.candidate.joints)
-            shares[key] = max(shares.get(key, 0.0), item.separability)
+    for scored in first:
+        if len(scored.candidate.joints) <= 1:
+            key = (scored.candidate.effect, scored.candidate.joints)
+            shares[key] = max(shares.get(key, 0.0), scored.separability)
     why = "of its column is left beside the model on this motion, so it could not have shown"
     return tuple(
         Invisible(*key, f"only {share:.1%} {why}", f"{share:.1%} left")
@@ -57,30 +57,35 @@ def too_uncertain(
     hidden : what could not have shown for other reasons
     """
     whole = tuple(dict.fromkeys((*base, *(column for finding in picks for column in _columns(finding, pool)))))
-    told = {(one.effect, one.joints) for one in hidden}
+    known_hidden = {(invisible.effect, invisible.joints) for invisible in hidden}
     named = {
-        (one.candidate.effect, joint)
+        (scored.candidate.effect, joint)
         for finding in picks
-        for one in (finding.judged, *finding.equal)
-        for joint in one.candidate.joints or pool.observation.robot.tree.joint_names
+        for scored in (finding.judged, *finding.equal)
+        for joint in scored.candidate.joints or pool.observation.robot.tree.joint_names
     }
     return tuple(
-        one
-        for one in _too_uncertain(data, pool, whole)
-        if (one.effect, one.joints) not in told and not {(one.effect, joint) for joint in one.joints} & named
+        invisible
+        for invisible in _too_uncertain(data, pool, whole)
+        if (invisible.effect, invisible.joints) not in known_hidden
+        and not {(invisible.effect, joint) for joint in invisible.joints} & named
     )
 
 
 def _columns(finding: Finding, pool: Pool) -> tuple[int, ...]:
     """The pool's columns of what was found: of the shape constants nearest to those that it was found with."""
     choice = finding.judged.candidate.choice
-    alike = [one for one in pool.candidates if one.choice.effect == choice.effect and one.joints == choice.joints]
+    alike = [
+        candidate
+        for candidate in pool.candidates
+        if candidate.choice.effect == choice.effect and candidate.joints == choice.joints
+    ]
 
-    def apart(other: Candidate) -> float:
+    def distance(other: Candidate) -> float:
         pairs = [(choice.shape_values.get(name, 0.0), value) for name, value in other.shape]
         return sum(abs(a - b) / max(abs(a), abs(b), 1e-12) for a, b in pairs) + (other.runs != choice.runs)
 
-    return min(alike, key=apart).columns if alike else ()
+    return min(alike, key=distance).columns if alike else ()
 
 
 def _too_uncertain(data: PhasedProducts, pool: Pool, base: tuple[int, ...]) -> Iterator[Invisible]:
@@ -88,16 +93,20 @@ def _too_uncertain(data: PhasedProducts, pool: Pool, base: tuple[int, ...]) -> I
     best: dict[Key, tuple[float, Invisible]] = {}
     for candidate, spreads in _spreads(data, pool, base):
         key = (candidate.effect, candidate.joints)
-        for size, told in _sizes(pool, candidate, spreads):
+        for size, invisible in _sizes(pool, candidate, spreads):
             if key not in best or size > best[key][0]:
-                best[key] = size, told
-    yield from (told for size, told in best.values() if size < SEEN)
+                best[key] = size, invisible
+    yield from (invisible for size, invisible in best.values() if size < SEEN)
 
 
 def _spreads(data: PhasedProducts, pool: Pool, base: tuple[int, ...]) -> Iterator[tuple[Candidate, Sequence[float]]]:
     """Standard deviations of the parameters of every candidate on a single joint, each beside the model alone."""
-    here = set(base)
-    alone = [one for one in pool.at_first if len(one.joints) == 1 and not one.runs and not here & set(one.columns)]
+    base_columns = set(base)
+    alone = [
+        candidate
+        for candidate in pool.at_first
+        if len(candidate.joints) == 1 and not candidate.runs and not base_columns & set(candidate.columns)
+    ]
     sets: dict[tuple[bool, bool], list[Candidate]] = {}
     for candidate in alone:
         sets.setdefault(data.kinds(candidate.columns), []).append(candidate)

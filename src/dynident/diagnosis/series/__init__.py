@@ -1,4 +1,4 @@
-"""A robot over many days: each parameter's course, and the day from which something differs."""
+"""Monitor a robot over many days: each parameter day by day, and the day from which something differs."""
 
 from dynident.diagnosis.series.days import Day, Measure, free_name, measured, what_may_change
 from dynident.diagnosis.series.result import Course, Series, SeriesChange

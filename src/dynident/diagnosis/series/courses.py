@@ -1,4 +1,4 @@
-"""Every parameter day by day, with its interval."""
+"""Estimate every parameter day by day, with its interval."""
 
 from __future__ import annotations
 
@@ -19,32 +19,44 @@ from dynident.progress import Progress
 def courses(
     days: Sequence[Day], columns: Sequence[Column], steps: Sequence[Stepped], progress: Progress
 ) -> tuple[Course, ...]:
-    """The parameters of a model, and of what it has got since, on each day.
+    """Estimate the parameters of a model, and of all changes since, on each day.
 
-    What a robot's days may differ in is free on each; the rest, which does not change, is known from the other days as
-    well: a day's motion alone leaves friction less certain than it need be. A parameter of the rest has the value that
-    the day gives by itself.
+    Parameters that may change are free on each day. The others are known from the other days as well: the motion of one
+    day
+    alone would leave friction less certain than need be. A parameter that does not change gets the value of the day
+    alone.
 
     Parameters
     ----------
-    columns : those of the measure's W
-    steps : all columns of the model and of what was found
+    days : sequence of Day
+    columns : sequence of Column
+        Those of the measure's W.
+    steps : sequence of Stepped
+        All columns of the model and of the changes that were found.
+    progress : Progress
+
+    Returns
+    -------
+    tuple of Course
+        One for each parameter, with nan on days that do not determine it.
     """
     own = tuple(dict.fromkeys(step.number for step in steps))
     first = {number: min(step.since for step in steps if step.number == number) for number in own}
     varies = np.array([effect_by_id(columns[k].effect).may_change for k in own])
     values, half = np.full((len(own), len(days)), np.nan), np.full((len(own), len(days)), np.nan)
     for d in range(len(days)):
-        there = np.array([first[k] <= d for k in own])
-        alone = reduction_of(days, [Stepped(k) for k in np.array(own)[there]], [d])
-        others = _known(days, steps, [Stepped(k) for k in np.array(own)[there]], varies[there], d)
-        for known, of in ((None, ~varies), (others, varies)):
-            told = _told(alone, known)
-            if told is None:
+        present = np.array([first[k] <= d for k in own])
+        alone = reduction_of(days, [Stepped(k) for k in np.array(own)[present]], [d])
+        others = _known(days, steps, [Stepped(k) for k in np.array(own)[present]], varies[present], d)
+        # Solved twice: without the other days for what does not vary, so that its value stays that day's own, and with
+        # them for what does.
+        for known, selection in ((None, ~varies), (others, varies)):
+            estimate = _told(alone, known)
+            if estimate is None:
                 continue
-            chosen = np.flatnonzero(there & of)
-            where = np.flatnonzero(of[there])
-            values[chosen, d], half[chosen, d] = told[0][where], told[1][where]
+            rows = np.flatnonzero(present & selection)
+            where = np.flatnonzero(selection[present])
+            values[rows, d], half[rows, d] = estimate[0][where], estimate[1][where]
         progress((d + 1) / len(days), days[d].name)
     return tuple(
         Course(
@@ -61,7 +73,7 @@ def courses(
 
 
 def _told(reduction: Reduction, known: Information | None) -> tuple[FloatArray, FloatArray] | None:
-    """Values (c,) and half-widths (c,) of their intervals; None where the data do not determine them."""
+    """Return values (c,) and half-widths (c,) of their intervals; None where the data do not determine them."""
     try:
         solution = weighted(reduction, known)
     except EstimationError:
@@ -70,32 +82,33 @@ def _told(reduction: Reduction, known: Information | None) -> tuple[FloatArray, 
 
 
 def _known(
-    days: Sequence[Day], steps: Sequence[Stepped], wanted: Sequence[Stepped], varies: BoolArray, day: int
+    days: Sequence[Day], steps: Sequence[Stepped], day_columns: Sequence[Stepped], varies: BoolArray, day: int
 ) -> Information | None:
-    """What the other days say of the wanted parameters that do not vary."""
+    """Return what the other days say of the parameters of one day that do not vary; None where nothing."""
     which = [k for k in range(len(days)) if k != day]
     reduction = reduction_of(days, steps, which)
-    seen = _seen(reduction)
+    nonzero = _seen(reduction)
     try:
-        solution = weighted(reduction.select(seen))
+        solution = weighted(reduction.select(nonzero))
     except EstimationError:
         return None
-    covariance: Statistics = statistics(reduction.select(seen), solution)
-    number = {steps[k].number: i for i, k in enumerate(seen) if not steps[k].since}
-    steady = [k for k, one in enumerate(wanted) if not varies[k] and one.number in number]
+    # The estimate of the other days enters as a prior with its covariance, so that its uncertainty counts.
+    covariance: Statistics = statistics(reduction.select(nonzero), solution)
+    number = {steps[k].number: i for i, k in enumerate(nonzero) if not steps[k].since}
+    steady = [k for k, column in enumerate(day_columns) if not varies[k] and column.number in number]
     if not steady:
         return None
-    places = np.array([number[wanted[k].number] for k in steady], dtype=np.intp)
+    places = np.array([number[day_columns[k].number] for k in steady], dtype=np.intp)
     return known_values(
         solution.values[places],
         covariance.covariance[np.ix_(places, places)],
         np.array(steady, dtype=np.intp),
-        len(wanted),
+        len(day_columns),
     )
 
 
 def _seen(reduction: Reduction) -> IndexArray:
-    """Columns that are not zero: a change of the day that is left out is none of the others."""
+    """Return the columns that are not zero: a change on the day that is left out has none on the others."""
     size = np.zeros(reduction.n_columns)
     for equation in reduction.equations:
         size[equation.columns] += np.linalg.norm(equation.joined[:, :-1], axis=0)

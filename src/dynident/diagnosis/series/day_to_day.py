@@ -1,4 +1,4 @@
-"""Days differ by more than their samples tell: what varies from day to day widens the interval of a change."""
+"""Widen the intervals of changes by the variance between days, where days differ by more than their samples tell."""
 
 from __future__ import annotations
 
@@ -13,44 +13,54 @@ from dynident.diagnosis.series.result import Course, SeriesChange
 
 
 def widened(changes: Sequence[SeriesChange], courses: Sequence[Course]) -> tuple[SeriesChange, ...]:
-    """The changes with intervals that hold what the days between two changes differ in, where that is more.
+    """Widen the intervals of changes where the days between two changes differ by more than the intervals allow.
 
-    A change is the mean of the days from it to the next one less that of the days before it to the last one; the spread
-    of the days about such means, of all of them together, says how far that may be off (Student's t).
+    A change is the mean of the days from it to the next one minus that of the days before it back to the last one. The
+    pooled spread of the days about such means says how far it may be off (Student's t).
+
+    Parameters
+    ----------
+    changes : sequence of SeriesChange
+    courses : sequence of Course
+
+    Returns
+    -------
+    tuple of SeriesChange
     """
     course_of = {course.parameter: course for course in courses}
     begun = {
-        name: sorted({one.since for one in changes for value in _values(one) if value.parameter == name})
+        name: sorted({change.since for change in changes for value in _values(change) if value.parameter == name})
         for name in course_of
     }
-    found = []
-    for one in changes:
+    widened_changes = []
+    for change in changes:
         main, *more = (
-            _widened(value, one.since, begun.get(value.parameter, []), course_of.get(value.parameter))
-            for value in _values(one)
+            _widened(value, change.since, begun.get(value.parameter, []), course_of.get(value.parameter))
+            for value in _values(change)
         )
-        found.append(replace(one, change=replace(one.change, main=main, more=tuple(more))))
-    return tuple(found)
+        widened_changes.append(replace(change, change=replace(change.change, main=main, more=tuple(more))))
+    return tuple(widened_changes)
 
 
-def _values(one: SeriesChange) -> tuple[ChangedValue, ...]:
-    return one.change.main, *one.change.more
+def _values(change: SeriesChange) -> tuple[ChangedValue, ...]:
+    return change.change.main, *change.change.more
 
 
 def _widened(value: ChangedValue, since: int, begun: Sequence[int], course: Course | None) -> ChangedValue:
     if course is None:
         return value
     days = np.flatnonzero(np.isfinite(course.values))
-    part = np.searchsorted(np.array(begun), days, side="right")
-    count = np.bincount(part, minlength=len(begun) + 1)
-    means = np.bincount(part, course.values[days], minlength=len(begun) + 1) / np.maximum(count, 1)
+    period = np.searchsorted(np.array(begun), days, side="right")
+    count = np.bincount(period, minlength=len(begun) + 1)
+    means = np.bincount(period, course.values[days], minlength=len(begun) + 1) / np.maximum(count, 1)
+    # One degree of freedom goes for the mean of each period between two changes.
     freedom = len(days) - int((count > 0).sum())
-    here = begun.index(since) + 1
-    if freedom < 1 or not count[here]:
+    index = begun.index(since) + 1
+    if freedom < 1 or not count[index]:
         return value
     # Of something that was not there before, only the days that have it differ.
-    share = 1.0 / count[here] + (1.0 / count[here - 1] if count[here - 1] else 0.0)
-    spread = float(((course.values[days] - means[part]) ** 2).sum()) / freedom
+    share = 1.0 / count[index] + (1.0 / count[index - 1] if count[index - 1] else 0.0)
+    spread = float(((course.values[days] - means[period]) ** 2).sum()) / freedom
     half = float(stdtrit(freedom, 0.975)) * float(np.sqrt(spread * share))
     low, high = value.interval
     half = max(half, 0.5 * (high - low))

@@ -1,4 +1,4 @@
-"""Recordings of one day, reduced once to the columns of the model and of all that may have changed from day to day."""
+"""Reduce the recordings of one day to the columns of the model and of everything that may change."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _ANY = ("any",)
 
 @dataclass(frozen=True)
 class Possible:
-    """Something that a robot may come to have, or more or less of it: `columns` are its numbers in the measure's W."""
+    """A change that a robot may undergo; `columns` are the numbers of its columns in the measure's W."""
 
     choice: EffectChoice
     columns: tuple[int, ...]
@@ -38,10 +38,11 @@ class Possible:
 
 @dataclass(frozen=True, eq=False)
 class Measure:
-    """What every day is reduced to: W of the model and, behind it, of all that may change; the same for all days.
+    """The columns that every day is reduced to: those of the model and, behind them, of all that may change.
 
-    `possible` may differ from some day on; `lasting` would be missing in the model on all days alike: the same, and
-    what depends on the temperature. `reference` is what loads are predicted with.
+    It is the same for all days. `possible` may differ from some day on; `lasting` would be missing in the model on all
+    days
+    alike: the same effects, and those that depend on the temperature. `reference` is what loads are predicted with.
     """
 
     model: Model
@@ -53,7 +54,7 @@ class Measure:
 
     @cached_property
     def digest(self) -> str:
-        """What tells it from others: its columns, what loads are predicted with, the filters."""
+        """Hash of the columns, of what loads are predicted with, and of the filters."""
         columns = [column.key for column in self.observation.columns]
         known = hashlib.sha256(repr((columns, asdict(self.preprocessing))).encode())
         known.update(self.reference.vector.tobytes())
@@ -62,10 +63,11 @@ class Measure:
 
 @dataclass(frozen=True, eq=False)
 class Day:
-    """One day's recordings, reduced to a measure's columns; `floor` (n,): the sensors' noise in them, N m or N.
+    """The recordings of one day, reduced to a measure's columns; `floor` (n,): the noise of its sensors, N m or N.
 
-    `measure` is that one's digest. `source` tells the recordings from others, where the caller says it: a digest of
-    their content.
+    `measure` is the digest of that measure. `source` identifies the recordings where the caller gives it: a digest of
+    their
+    content.
     """
 
     name: str
@@ -83,20 +85,25 @@ def what_may_change(identification: Identification, *, with_temperature: bool = 
 
     Parameters
     ----------
-    identification : the model, of any strategy and estimator
+    identification : Identification
+        The model, of any strategy and estimator.
     with_temperature : bool
         Whether all recordings have the joints' temperatures: friction that follows them is then told from wear.
+
+    Returns
+    -------
+    Measure
     """
     model = identification.model
     columns: list[Column] = list(model.kept)
     index = {column.key: k for k, column in enumerate(columns)}
 
     def numbered(choices: Sequence[EffectChoice]) -> tuple[Possible, ...]:
-        found: dict[tuple[int, ...], Possible] = {}
+        possible_by_columns: dict[tuple[int, ...], Possible] = {}
         for choice in choices:
-            made = columns_everywhere(choice, model.signals)
+            new_columns = columns_everywhere(choice, model.signals)
             numbers = []
-            for column in made:
+            for column in new_columns:
                 if not column.torque.nnz():
                     continue
                 if column.key not in index:
@@ -104,19 +111,21 @@ def what_may_change(identification: Identification, *, with_temperature: bool = 
                     columns.append(column)
                 numbers.append(index[column.key])
             if numbers:
-                found.setdefault(tuple(numbers), Possible(choice, tuple(numbers)))
-        return tuple(found.values())
+                possible_by_columns.setdefault(tuple(numbers), Possible(choice, tuple(numbers)))
+        return tuple(possible_by_columns.values())
 
     leads = Leads(has_temperature=with_temperature, since=_ANY)
     # What shows where a joint starts, or by a constant of its own, needs rows and rounds that a series does not keep.
     plain = [effect for effect in CATALOGUE.values() if effect.may_change and not effect.shapes]
     changing = [_everywhere(choice) for effect in plain for choice in changes_in(effect, model, leads)]
-    warm = [one for one in CATALOGUE.values() if with_temperature and one.needs_temperature and not one.shapes]
+    warm = [
+        effect for effect in CATALOGUE.values() if with_temperature and effect.needs_temperature and not effect.shapes
+    ]
     free = [effect for effect in warm if all(choice.effect != effect.id for choice in model.effects)]
     lasting = [EffectChoice(effect.id, joints) for effect in free for joints in _places(effect, model)]
     possible = numbered(changing)
     # A function that the model lacks on all days shows in each as its motion happens to show it.
-    general = [one.choice for one in possible if not _is_known(one, model) and not _in_some_runs(one)]
+    general = [option.choice for option in possible if not _is_known(option, model) and not _in_some_runs(option)]
     added = numbered([*lasting, *general])
     return Measure(
         model,
@@ -129,7 +138,7 @@ def what_may_change(identification: Identification, *, with_temperature: bool = 
 
 
 def _places(effect: Effect, model: Model) -> list[tuple[str, ...]]:
-    """Every joint that an effect may sit on, and all of them: an arm gets warm as a whole."""
+    """List every joint that an effect may sit on, and all of them together: an arm gets warm as a whole."""
     names = tuple(model.robot.joint_names[j] for j in effect.applicable(model.robot))
     return [(name,) for name in names] + ([names] if len(names) > 1 else [])
 
@@ -150,6 +159,20 @@ def measured(
     measure: Measure, name: str, recordings: Sequence[Recording], progress: Progress = silent, source: str = ""
 ) -> Day:
     """Reduce the recordings of one day; tests of single joints' friction are left out.
+
+    Parameters
+    ----------
+    measure : Measure
+    name : str
+        Name of the day.
+    recordings : sequence of Recording
+    progress : Progress
+    source : str
+        A digest of the recordings' content, where the caller has one.
+
+    Returns
+    -------
+    Day
 
     Raises
     ------
@@ -173,6 +196,15 @@ def measured(
 
 
 def free_name(name: str, days: Sequence[Day]) -> str:
-    """A name that none of the days has yet: robots record into files of one name in folders of many."""
-    taken = {day.name for day in days}
-    return next(one for one in (name, *(f"{name} ({k})" for k in range(2, len(days) + 3))) if one not in taken)
+    """Return a name that none of the days has yet: robots often record into files of one name in many folders.
+
+    Parameters
+    ----------
+    name : str
+        The wanted name; a number is put behind it where it is in use.
+    days : sequence of Day
+    """
+    names = {day.name for day in days}
+    return next(
+        candidate for candidate in (name, *(f"{name} ({k})" for k in range(2, len(days) + 3))) if candidate not in names
+    )

@@ -1,4 +1,4 @@
-"""What a series of days tells."""
+"""Result types of the monitoring of a robot over days."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dynident.effects import EffectChoice
 
 @dataclass(frozen=True)
 class SeriesChange:
-    """Something that differs from day `since` on, by number; the data cannot tell days `earliest` to `latest` apart."""
+    """A change from day `since` on, by number; the data cannot tell the days `earliest` to `latest` apart."""
 
     change: Change
     since: int
@@ -21,10 +21,11 @@ class SeriesChange:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """One parameter day by day: `values` (d,), and `intervals` (d, 2) that hold the true one with 95 %.
+    """One parameter day by day: `values` (d,), and 95 % `intervals` (d, 2).
 
-    NaN where that day's motion does not determine it. `varies`: it is of what a robot's days differ in; all else about
-    the robot is then taken from the other days too. If not, the day stands by itself.
+    Both are nan where that day's motion does not determine it. `varies`: the parameter may change from day to day; what
+    does
+    not is then taken from the other days too. If not, the value is that of the day by itself.
     """
 
     parameter: str
@@ -38,7 +39,7 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A robot over d days: what changed and when, what the model lacks on all of them, every parameter's course."""
+    """A robot over d days: what changed and when, what the model lacks on all of them, and every parameter's values."""
 
     days: tuple[str, ...]
     changes: tuple[SeriesChange, ...]

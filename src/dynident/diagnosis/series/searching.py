@@ -1,4 +1,4 @@
-"""What changed, and from which day on: the decision rule of the diagnosis, asked of every day."""
+"""Search for changes and the days from which they hold, by the decision rules of the diagnosis."""
 
 from __future__ import annotations
 
@@ -25,7 +25,21 @@ MOST_CHANGES = 12
 
 
 def found_changes(data: PhasedProducts, pool: Pool, floor: FloatArray, progress: Progress) -> tuple[Finding, ...]:
-    """Add what gains most from the day on from which it gains most, until nothing does."""
+    """Add the change that gains most, from the day from which it gains most, until none passes.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Of the days' columns, `stepped_products`.
+    pool : Pool
+    floor : (n,)
+        Noise of the sensors.
+    progress : Progress
+
+    Returns
+    -------
+    tuple of Finding
+    """
     base = tuple(range(pool.n_base))
     state = State(base, noise_left(data, base), floor, (), pool.since)
     remaining: Sequence[Candidate] = pool.candidates
@@ -33,8 +47,8 @@ def found_changes(data: PhasedProducts, pool: Pool, floor: FloatArray, progress:
     while remaining and len(state.picks) < MOST_CHANGES:
         progress(len(state.picks) / MOST_CHANGES, f"{len(state.picks)} changes found")
         judged = judge_all(data, pool, state.base, remaining, state.noise)
-        own = [item for item in judged if not _is_shadow(item, judged)]
-        choice = choose(data, pool, state, [_on_its_side(item, pool, data) for item in own])
+        unshadowed = [scored for scored in judged if not _is_shadow(scored, judged)]
+        choice = choose(data, pool, state, [_on_its_side(scored, pool, data) for scored in unshadowed])
         if choice is None:
             break
         chosen, equal = choice
@@ -42,42 +56,45 @@ def found_changes(data: PhasedProducts, pool: Pool, floor: FloatArray, progress:
         state = replace(
             state, base=grown, noise=noise_left(data, grown), picks=(*state.picks, Finding(chosen, equal, chosen.p))
         )
+        # Where the motion does not determine the model, a gain may only be a better conditioned model. Then nothing is
+        # named.
         firm = firm or generalises(data.of(grown), state)
         if not firm:
             return ()
-        remaining = [one for one in remaining if not set(one.columns) <= set(grown)]
+        remaining = [candidate for candidate in remaining if not set(candidate.columns) <= set(grown)]
     return pruned(data, pool, state).picks
 
 
 def first_day(candidate: Candidate, count: int) -> int:
-    """The day of so many, by number, from which on something is there; 0 for all."""
+    """Return the number of the day, of `count`, from which on a candidate is there; 0 for all days."""
     return count - len(candidate.runs) if candidate.runs else 0
 
 
-def _is_shadow(item: JudgedCandidate, judged: Sequence[JudgedCandidate]) -> bool:
-    """Whether the same on all days says as much, be it even something that nature does not allow."""
-    mine = item.candidate
+def _is_shadow(scored: JudgedCandidate, judged: Sequence[JudgedCandidate]) -> bool:
+    """Return whether the same effect on all days explains as much, even if nature does not allow it."""
+    mine = scored.candidate
     return bool(mine.runs) and any(
         not other.candidate.runs
         and (other.candidate.effect, other.candidate.joints) == (mine.effect, mine.joints)
-        and other.total_gain >= _AS_MUCH * item.total_gain
+        and other.total_gain >= _AS_MUCH * scored.total_gain
         for other in judged
     )
 
 
-def _on_its_side(item: JudgedCandidate, pool: Pool, data: PhasedProducts) -> JudgedCandidate:
-    """A change by what it explains before its day or from it on: of ten days, the last is a tenth of all the error."""
-    since = first_day(item.candidate, len(pool.since) + 1)
+def _on_its_side(scored: JudgedCandidate, pool: Pool, data: PhasedProducts) -> JudgedCandidate:
+    """Return a change judged by the better of two sides: the days before it, or the days from it on."""
+    since = first_day(scored.candidate, len(pool.since) + 1)
     if not since:
-        return item
+        return scored
     later = data.moving.run >= since
-    sides = [replace(item, before=item.before[side], after=item.after[side]) for side in (~later, later)]
+    # Of ten days, the last has a tenth of all the error: over all days even a complete change would explain little.
+    sides = [replace(scored, before=scored.before[side], after=scored.after[side]) for side in (~later, later)]
     best = max(sides, key=_drop)
-    return replace(best, drop=max(item.drop, _drop(best)))
+    return replace(best, drop=max(scored.drop, _drop(best)))
 
 
-def _drop(item: JudgedCandidate) -> float:
-    before, after = item.before.sum(axis=0), item.after.sum(axis=0)
-    if len(item.candidate.joints) > 1:
+def _drop(scored: JudgedCandidate) -> float:
+    before, after = scored.before.sum(axis=0), scored.after.sum(axis=0)
+    if len(scored.candidate.joints) > 1:
         before, after = before.sum(keepdims=True), after.sum(keepdims=True)
     return float(((before - after) / np.maximum(before, np.finfo(float).tiny)).max())

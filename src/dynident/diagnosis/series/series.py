@@ -1,4 +1,4 @@
-"""A robot over many days: what changed, from which day on, and every parameter's course."""
+"""Monitor a robot over many days: what changed, from which day on, and every parameter day by day."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _DEPENDENT = 1e-6
 
 @single_threaded
 def series(measure: Measure, days: Sequence[Day], progress: Progress = silent) -> Series:
-    """Say what has changed in a robot over a series of days, in their order, and since when.
+    """Find what has changed in a robot over a series of days, in their order, and since when.
 
     The first day is what all others are compared with; the motions may differ. No recording is read: one more day costs
     its own reduction and this.
@@ -38,6 +38,11 @@ def series(measure: Measure, days: Sequence[Day], progress: Progress = silent) -
         Of the model (`what_may_change`).
     days : sequence of Day
         Reduced to the measure's columns (`measured`), with names of their own.
+    progress : Progress
+
+    Returns
+    -------
+    Series
 
     Raises
     ------
@@ -51,6 +56,7 @@ def series(measure: Measure, days: Sequence[Day], progress: Progress = silent) -
     floor = np.sqrt(np.mean([day.floor**2 for day in days], axis=0))
     picks = found_changes(data, pool, floor, part(progress, 0.0, 0.6))
     numbers = list(range(pool.n_base)) + sorted({k for pick in picks for k in pick.columns})
+    # Friction grows in all its parts: where only one of them is a finding, its value must not make up for the others.
     numbers += _companions(measure, picks, numbers, names, columns)
     numbers = _independent(days, columns, numbers)
     steps = [columns[k] for k in numbers]
@@ -64,17 +70,19 @@ def series(measure: Measure, days: Sequence[Day], progress: Progress = silent) -
     )
     choices = [pick.judged.candidate.choice for pick in picks]
     ranked = rank_all(picks, (), choices)
-    found: list[SeriesChange] = []
-    for pick, one in zip(picks, ranked, strict=True):
+    dated_changes: list[SeriesChange] = []
+    for pick, ranked_effect in zip(picks, ranked, strict=True):
         if pool.is_change(pick.judged.candidate):
             since = first_day(pick.judged.candidate, len(names))
             as_well = [since, *_days_as_well(pick, len(names))]
-            found += [SeriesChange(c, since, min(as_well), max(as_well)) for c in changes_at(estimates, pick, one)]
-    told = courses(days, measure.observation.columns, steps, part(progress, 0.6, 1.0))
+            dated_changes += [
+                SeriesChange(c, since, min(as_well), max(as_well)) for c in changes_at(estimates, pick, ranked_effect)
+            ]
+    tracks = courses(days, measure.observation.columns, steps, part(progress, 0.6, 1.0))
     missing = tuple(choice for choice in choices if not choice.runs)
     progress(1.0, "compared")
-    changes = widened(sorted(found, key=lambda one: one.since), told)
-    return Series(names, changes, missing, told, _summary(changes, names))
+    changes = widened(sorted(dated_changes, key=lambda change: change.since), tracks)
+    return Series(names, changes, missing, tracks, _summary(changes, names))
 
 
 def _check(measure: Measure, days: Sequence[Day], names: Sequence[str]) -> None:
@@ -91,13 +99,13 @@ def _check(measure: Measure, days: Sequence[Day], names: Sequence[str]) -> None:
 def _companions(
     measure: Measure,
     picks: Iterable[Finding],
-    there: Sequence[int],
+    existing: Sequence[int],
     names: Sequence[str],
     columns: Sequence[Stepped],
 ) -> list[int]:
-    """Columns of what usually changes along: else a value makes up for what was too small to be a finding."""
+    """Return columns that usually change along with the findings, and are too small to be findings themselves."""
     known = {choice.effect for choice in measure.model.effects}
-    wanted: list[int] = []
+    companions: list[int] = []
     for pick in picks:
         choice = pick.judged.candidate.choice
         if not choice.runs:
@@ -105,40 +113,45 @@ def _companions(
         since = first_day(pick.judged.candidate, len(names))
         others = set(effect_by_id(choice.effect).changes_with) & known
         for possible in measure.possible:
-            one = possible.choice
-            if one.effect in others and len(one.joints) == 1 and one.joints[0] in choice.joints:
-                wanted += [columns.index(Stepped(k, since)) for k in possible.columns]
-    return [k for k in dict.fromkeys(wanted) if k not in there]
+            other_choice = possible.choice
+            if (
+                other_choice.effect in others
+                and len(other_choice.joints) == 1
+                and other_choice.joints[0] in choice.joints
+            ):
+                companions += [columns.index(Stepped(k, since)) for k in possible.columns]
+    return [k for k in dict.fromkeys(companions) if k not in existing]
 
 
 def _days_as_well(pick: Finding, count: int) -> list[int]:
-    """Days from which on the same change explains as much."""
+    """Return the days from which on the same change explains as much."""
     mine = pick.judged.candidate
     return [
         first_day(other, count)
-        for other in (item.candidate for item in pick.equal)
+        for other in (scored.candidate for scored in pick.equal)
         if (other.effect, other.joints, other.shape) == (mine.effect, mine.joints, mine.shape) and other.runs
     ]
 
 
 def _independent(days: Sequence[Day], columns: Sequence[Stepped], numbers: Sequence[int]) -> list[int]:
-    """Those columns that do not follow from the ones before them: of a mass on a link, the base parameters."""
+    """Return the columns that are no linear combination of those before them."""
     factor = weighted_factor(reduction_of(days, [columns[k] for k in numbers]), np.ones(len(days[0].floor)))[:-1, :-1]
+    # The diagonal of the triangular factor is what each column adds to those before it.
     own = np.abs(np.diag(factor)) > _DEPENDENT * np.linalg.norm(factor, axis=0)
-    return [k for k, kept in zip(numbers, own, strict=True) if kept]
+    return [k for k, is_independent in zip(numbers, own, strict=True) if is_independent]
 
 
-def _summary(found: Sequence[SeriesChange], names: Sequence[str]) -> str:
-    if not found:
+def _summary(changes: Sequence[SeriesChange], names: Sequence[str]) -> str:
+    if not changes:
         return f"Nothing that these recordings can show has changed from {names[0]} to {names[-1]}."
     parts = []
-    for one in found:
-        choice, main = one.change.choice, one.change.main
+    for change in changes:
+        choice, main = change.change.choice, change.change.main
         place = f" on {choice.joints[0]}" if choice.joints else ""
         unit = "" if main.unit == "-" else f" {main.unit}"
-        when = names[one.since]
-        if one.earliest < one.latest:
-            when = f"{names[one.since]} ({names[one.earliest]} to {names[one.latest]} fit as well)"
+        when = names[change.since]
+        if change.earliest < change.latest:
+            when = f"{names[change.since]} ({names[change.earliest]} to {names[change.latest]} fit as well)"
         title = effect_by_id(choice.effect).title
         parts.append(f"from {when} on: {title}{place} ({main.parameter} {main.value:+.3g}{unit})")
     return f"Changed since {names[0]}: {'; '.join(parts)}."

@@ -1,4 +1,4 @@
-"""Columns that are there from some day on, without a copy of anything: products of the days before count as zero."""
+"""Columns that start on some day, without copies of the data: products of earlier days count as zero."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from dynident.estimation import EquationFactors, Reduction, concatenate
 
 @dataclass(frozen=True)
 class Stepped:
-    """A column of the measure's W, `number`, that is there from day `since` on: 0 for all days."""
+    """Column `number` of the measure's W, which is zero before day `since`; 0 for all days."""
 
     number: int
     since: int = 0
 
 
 def choice_since(possible: Possible, since: int, names: Sequence[str]) -> EffectChoice:
-    """What is there from a day on, as a choice whose runs are the days."""
+    """Return what is there from a day on as a choice, whose runs are the days."""
     return replace(possible.choice, runs=tuple(names[since:]) if since else ())
 
 
 class SteppedStack(ProductStack):
-    """Products of one joint's columns, some of them from some day on.
+    """Products of one joint's columns, some of which start on some day.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class SteppedStack(ProductStack):
     since : (v + 1,)
         The day from which on it is there.
     day : (s,)
-        The day of every stretch.
+        The day of every block of time.
     """
 
     def __init__(self, values: FloatArray, places: IndexArray, since: IndexArray, day: IndexArray) -> None:
@@ -50,32 +50,44 @@ class SteppedStack(ProductStack):
 
     @cached_property
     def total(self) -> FloatArray:
-        """(v + 1, v + 1): over all stretches."""
+        """Products (v + 1, v + 1) over all blocks of time."""
         days = int(self._day.max(initial=0)) + 1
         each = np.array([self.values[self._day == k].sum(axis=0) for k in range(days)])
+        # A product of two columns is not zero from the later of their first days on: a cumulative sum from the last day
+        # backwards has all of these.
         later = np.cumsum(each[::-1], axis=0)[::-1]
         both = np.maximum(self._since[:, None], self._since)
         return np.asarray(later[both, self._places[:, None], self._places])
 
     def taken(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """(s, *shape): the products at these places, whose shapes are broadcast."""
-        found = super().taken(self._places[rows], self._places[columns])
+        """Return the products (s, *shape) at these places, whose shapes are broadcast."""
+        products = super().taken(self._places[rows], self._places[columns])
         both = np.maximum(self._since[rows], self._since[columns])
         day = self._day.reshape(-1, *([1] * both.ndim))
-        return np.asarray(np.where(day >= both, found, 0.0))
+        return np.asarray(np.where(day >= both, products, 0.0))
 
 
 def stepped_pool(measure: Measure, names: Sequence[str]) -> tuple[Pool, tuple[Stepped, ...]]:
-    """All that may have changed from any day on but the first, and what each of its columns is.
+    """Build candidates for all changes from any day but the first, and say what each of their columns is.
 
-    The pool's W says which columns there are and on which joints they act; it is evaluated nowhere.
+    The pool's W says which columns there are and on which joints they act; it is never evaluated.
+
+    Parameters
+    ----------
+    measure : Measure
+    names : sequence of str
+        Those of the days.
+
+    Returns
+    -------
+    Pool, tuple of Stepped
     """
     wide = measure.observation
     n_wide = wide.n_columns
-    changing = sorted({k for one in measure.possible for k in one.columns})
-    columns, made = list(wide.columns), [Stepped(k) for k in range(n_wide)]
+    changing = sorted({k for possible in measure.possible for k in possible.columns})
+    columns, steps = list(wide.columns), [Stepped(k) for k in range(n_wide)]
     rows, numbers = [wide.entry_rows], [wide.entry_columns]
-    number_of: dict[Stepped, int] = {column: k for k, column in enumerate(made)}
+    number_of: dict[Stepped, int] = {column: k for k, column in enumerate(steps)}
     for since in range(1, len(names)):
         for k in changing:
             acting = wide.entry_rows[wide.entry_columns == k]
@@ -83,15 +95,15 @@ def stepped_pool(measure: Measure, names: Sequence[str]) -> tuple[Pool, tuple[St
             numbers.append(np.full(len(acting), len(columns), dtype=np.intp))
             number_of[Stepped(k, since)] = len(columns)
             columns.append(replace(wide.columns[k], runs=tuple(names[since:])))
-            made.append(Stepped(k, since))
+            steps.append(Stepped(k, since))
     observation = replace(
         wide, columns=tuple(columns), entry_rows=np.concatenate(rows), entry_columns=np.concatenate(numbers)
     )
-    places = [(one, since) for since in range(1, len(names)) for one in measure.possible]
-    candidates = [_candidate(one, since, names, number_of) for one, since in places]
-    candidates += [_candidate(one, 0, names, number_of) for one in measure.lasting]
+    places = [(possible, since) for since in range(1, len(names)) for possible in measure.possible]
+    candidates = [_candidate(possible, since, names, number_of) for possible, since in places]
+    candidates += [_candidate(possible, 0, names, number_of) for possible in measure.lasting]
     pool = Pool(observation, measure.model.n_parameters, tuple(candidates), tuple(names[1:]))
-    return pool, tuple(made)
+    return pool, tuple(steps)
 
 
 def _candidate(possible: Possible, since: int, names: Sequence[str], number_of: dict[Stepped, int]) -> Candidate:
@@ -101,13 +113,23 @@ def _candidate(possible: Possible, since: int, names: Sequence[str], number_of: 
 
 
 def stepped_products(days: Sequence[Day], columns: Sequence[Stepped]) -> PhasedProducts:
-    """Inner products of the days' columns, the later ones zero before their day; the runs are the days."""
-    day = np.repeat(np.arange(len(days)), [one.reduction.n_stretches for one in days])
+    """Compute inner products of the days' columns, with later ones zero before their day; the runs are the days.
+
+    Parameters
+    ----------
+    days : sequence of Day
+    columns : sequence of Stepped
+
+    Returns
+    -------
+    PhasedProducts
+    """
+    day = np.repeat(np.arange(len(days)), [recorded_day.reduction.n_stretches for recorded_day in days])
     number = np.array([column.number for column in columns], dtype=np.intp)
     since = np.array([column.since for column in columns], dtype=np.intp)
     stacks, position, counts = [], [], []
     for j, equation in enumerate(days[0].reduction.equations):
-        factors = np.concatenate([one.reduction.equations[j].factors for one in days])
+        factors = np.concatenate([recorded_day.reduction.equations[j].factors for recorded_day in days])
         where = np.full(days[0].reduction.n_columns, -1, dtype=np.intp)
         where[equation.columns] = np.arange(len(equation.columns))
         have = np.flatnonzero(where[number] >= 0)
@@ -117,19 +139,20 @@ def stepped_products(days: Sequence[Day], columns: Sequence[Stepped]) -> PhasedP
         values = factors.transpose(0, 2, 1) @ factors
         stacks.append((SteppedStack(values, places, np.append(since[have], 0), day),))
         position.append(own)
-        counts.append(np.concatenate([one.reduction.equations[j].counts for one in days]))
+        counts.append(np.concatenate([recorded_day.reduction.equations[j].counts for recorded_day in days]))
     moving = Products(tuple(stacks), tuple(position), np.array(counts).T.astype(np.float64), day)
     nowhere = Elsewhere((), np.zeros_like(moving.counts), np.zeros((len(columns), moving.n_joints), dtype=bool))
     return PhasedProducts(moving, nowhere, nowhere)
 
 
 def reduction_of(days: Sequence[Day], columns: Sequence[Stepped], which: Sequence[int] | None = None) -> Reduction:
-    """The rows of some of the days, all unless they are named, with these columns."""
-    chosen = range(len(days)) if which is None else which
-    return concatenate([_with(days[k].reduction, columns, k) for k in chosen])
+    """Return the reduced rows of some of the days, by default of all, with these columns."""
+    day_numbers = range(len(days)) if which is None else which
+    return concatenate([_with(days[k].reduction, columns, k) for k in day_numbers])
 
 
 def _with(reduction: Reduction, columns: Sequence[Stepped], day: int) -> Reduction:
+    """Return the reduction of one day with stepped columns instead of the measure's."""
     equations = []
     for equation in reduction.equations:
         where = {int(column): place for place, column in enumerate(equation.columns)}

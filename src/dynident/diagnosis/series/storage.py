@@ -1,4 +1,4 @@
-"""Days as one file, so that one more day costs its own recordings alone."""
+"""Store reduced days in one file, so that one more day costs its own recordings alone."""
 
 from __future__ import annotations
 
@@ -19,7 +19,17 @@ _FORMAT = "dynident days 1"
 
 
 def days_to_bytes(measure: Measure, days: Sequence[Day]) -> bytes:
-    """The days as the bytes of an .npz file, with what they were reduced by."""
+    """Write days as the bytes of an .npz file, with the digest of their measure.
+
+    Parameters
+    ----------
+    measure : Measure
+    days : sequence of Day
+
+    Returns
+    -------
+    bytes
+    """
     header = {
         "format": _FORMAT,
         "measure": measure.digest,
@@ -41,7 +51,16 @@ def days_to_bytes(measure: Measure, days: Sequence[Day]) -> bytes:
 
 
 def days_from_bytes(measure: Measure, content: bytes) -> tuple[Day, ...]:
-    """The days that were kept.
+    """Read stored days.
+
+    Parameters
+    ----------
+    measure : Measure
+    content : bytes
+
+    Returns
+    -------
+    tuple of Day
 
     Raises
     ------
@@ -58,7 +77,7 @@ def days_from_bytes(measure: Measure, content: bytes) -> tuple[Day, ...]:
         arrays = {name: file[name] for name in file.files}
     return tuple(
         Day(
-            one["name"],
+            entry["name"],
             Reduction(
                 measure.observation.n_columns,
                 tuple(_equation(arrays, f"{number}/{k}") for k in range(header["equations"])),
@@ -66,14 +85,23 @@ def days_from_bytes(measure: Measure, content: bytes) -> tuple[Day, ...]:
             ),
             arrays[f"{number}/floor"],
             measure.digest,
-            one["source"],
+            entry["source"],
         )
-        for number, one in enumerate(header["days"])
+        for number, entry in enumerate(header["days"])
     )
 
 
 def resumed(identification: Identification, content: bytes) -> tuple[Measure, tuple[Day, ...]]:
-    """The days that were kept for a model and what they were reduced by, with the temperatures or without.
+    """Read the stored days of a model together with their measure, with temperatures or without.
+
+    Parameters
+    ----------
+    identification : Identification
+    content : bytes
+
+    Returns
+    -------
+    Measure, tuple of Day
 
     Raises
     ------
@@ -87,7 +115,7 @@ def resumed(identification: Identification, content: bytes) -> tuple[Measure, tu
 
 
 def check_days(content: bytes) -> None:
-    """Raise DynidentError where this is no file of days that this version reads."""
+    """Raise `DynidentError` where this is no file of days that this version reads."""
     _header(content)
 
 

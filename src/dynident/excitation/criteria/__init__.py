@@ -1,1 +1,1 @@
-"""How exciting a motion is: the criteria, what they need to know, and how well every parameter will come out."""
+"""Criteria of how exciting a motion is, and the uncertainty of every parameter to be expected."""

@@ -16,10 +16,25 @@ _WHERE_UNKNOWN = 1.0
 
 
 def a_priori_values(model: DesignModel, choice: CriterionChoice) -> tuple[FloatArray, tuple[str, ...]]:
-    """|Z| (b,) of the effects' base parameters, and notes on what was assumed.
+    """Return |Z| (b,) of the effects' base parameters, and notes on what was assumed.
 
     Stated values come first, then the description's, never below 1 % of the largest of the same unit; one unit where
-    neither says anything.
+    neither has a value.
+
+    Parameters
+    ----------
+    model : DesignModel
+    choice : CriterionChoice
+
+    Returns
+    -------
+    values : (b,)
+    notes : tuple of str
+
+    Raises
+    ------
+    DynidentError
+        A stated value is for a parameter that does not exist.
     """
     names = model.parameter_names
     unknown = [name for name in choice.a_priori if name not in names]

@@ -1,4 +1,4 @@
-"""What random motions reach: what an optimised one must be better than."""
+"""Baseline: what random motions reach, which an optimised one must exceed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dynident.excitation.criteria.values import CriterionValues
 
 @dataclass(frozen=True)
 class Baseline:
-    """The best of `count` random motions by the criterion asked for, and the median condition number."""
+    """The best of `count` random motions by the chosen criterion, and the median condition number."""
 
     count: int
     best: CriterionValues
@@ -20,6 +20,6 @@ class Baseline:
 
 
 def baseline_of(values: Sequence[CriterionValues]) -> Baseline:
-    """The baseline that the values of random motions stand for."""
-    best = min(values, key=lambda one: one.criterion)
-    return Baseline(len(values), best, float(np.median([one.condition_number for one in values])))
+    """Return the baseline from the values of random motions."""
+    best = min(values, key=lambda motion_values: motion_values.criterion)
+    return Baseline(len(values), best, float(np.median([motion_values.condition_number for motion_values in values])))

@@ -1,4 +1,4 @@
-"""The criterion that is asked for, by its name."""
+"""Choice of a criterion by its name."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class CriterionChoice:
 
     @property
     def is_of_its_samples(self) -> bool:
-        """Whether its value is one of the samples that W is taken at, and of no others.
+        """Whether the value belongs to the samples that W is taken at, and to no others.
 
         The smallest entry of W [12.13] is where a sample happens to come nearest to a zero: between the samples there
         are zeros.
@@ -62,7 +62,7 @@ class CriterionChoice:
 
 
 def check_criterion(choice: CriterionChoice) -> None:
-    """Raise `DynidentError` for a name that is none, or an a-priori value that nothing can be relative to."""
+    """Raise `DynidentError` for an unknown criterion, or an a-priori value that nothing can be relative to."""
     if choice.name not in CRITERIA:
         raise DynidentError(
             f"there is no criterion {choice.name!r}; there are: {', '.join(CRITERIA)}",

@@ -1,4 +1,4 @@
-"""Which columns of W a criterion about chosen parameters, or about effects to be told apart, looks at."""
+"""Criterion of a design: which columns of W it is about, with weights, a-priori values and earlier information."""
 
 from __future__ import annotations
 
@@ -21,9 +21,16 @@ from dynident.robot.pointers import listed, pointer
 
 @dataclass(frozen=True, eq=False)
 class Yardstick:
-    """What a motion is measured by: a criterion, a-priori magnitudes (b,), and whose variances count.
+    """The measure of a motion: a criterion, a-priori magnitudes, and the parameters whose variances count.
 
-    `earlier` (r, b): rows beside W / √N that stand for what earlier runs have told already.
+    Parameters
+    ----------
+    choice : CriterionChoice
+    a_priori : (b,)
+    deciding : Deciding
+    notes : tuple of str
+    earlier : (r, b), optional
+        Rows besides W / √N that stand for the information of earlier runs.
     """
 
     choice: CriterionChoice
@@ -34,7 +41,7 @@ class Yardstick:
 
     @property
     def smooth(self) -> Criterion:
-        """The criterion as it is optimised, of W / √N."""
+        """The smooth criterion that is optimised, a function of W / √N."""
         criterion = criterion_of(self.choice, self.a_priori, self.deciding)
         earlier = self.earlier
         if earlier is None:
@@ -47,8 +54,9 @@ class Yardstick:
         return with_earlier
 
     def values(self, w: FloatArray, n_samples: int) -> CriterionValues:
-        """The true values of W (r, b) at N samples."""
+        """Return the true values of W (r, b) at N samples."""
         if self.earlier is not None:
+            # The earlier rows belong to W / √N, and `true_values` divides by √N.
             w = np.concatenate([w, np.sqrt(n_samples) * self.earlier])
         return true_values(self.choice, w, n_samples, self.a_priori, self.deciding)
 
@@ -61,9 +69,26 @@ def yardstick_of(
     one_equation: bool = False,
     earlier: FloatArray | None = None,
 ) -> Yardstick:
-    """The yardstick of a criterion on a model; see `deciding_of` for what it raises.
+    """Return the measure of motions for a criterion on a model.
 
-    `one_equation`: a sample has one row, not one a joint; the joints' noise then has no part in the criterion.
+    Parameters
+    ----------
+    model : DesignModel
+    choice : CriterionChoice
+    noise : mapping of joint name to N m or N
+    one_equation : bool
+        Whether a sample has one row, not one a joint; the joints' noise then has no part in the criterion.
+    earlier : (r, b), optional
+        Rows besides W / √N that stand for the information of earlier runs.
+
+    Returns
+    -------
+    Yardstick
+
+    Raises
+    ------
+    DynidentError
+        As in `deciding_of`.
     """
     a_priori, assumed = a_priori_values(model, choice)
     notes = assumed if choice.name == "weighted" else ()
@@ -74,7 +99,7 @@ def yardstick_of(
 
 
 def with_rivals(effects: tuple[EffectChoice, ...], choice: CriterionChoice) -> tuple[EffectChoice, ...]:
-    """The effects of a design, with those that its criterion is to separate."""
+    """Return the effects of a design, with those that its criterion is to separate."""
     if choice.name != "separation":
         return effects
     return effects + tuple(rival for rival in choice.effects if not _is_among(rival, effects))
@@ -90,7 +115,7 @@ def _is_among(rival: EffectChoice, effects: Sequence[EffectChoice]) -> bool:
 
 
 def deciding_of(model: DesignModel, choice: CriterionChoice, noise: Mapping[str, float]) -> Deciding:
-    """The parameters that a criterion is about; all of them for a criterion that names none.
+    """Return the parameters that a criterion is about; all of them for a criterion that names none.
 
     Parameters
     ----------
@@ -99,10 +124,14 @@ def deciding_of(model: DesignModel, choice: CriterionChoice, noise: Mapping[str,
     noise : mapping of joint name to N m or N
         Standard deviation of the joints' torque; that of the others counts as 1, or as the mean of those stated.
 
+    Returns
+    -------
+    Deciding
+
     Raises
     ------
     DynidentError
-        A parameter that there is not, or an effect of which no column is left: no motion can tell it from the others.
+        A parameter does not exist, or no column of an effect is left: no motion can tell it from the others.
     """
     weights = row_weights(model, noise)
     if choice.name == "parameters":
@@ -114,7 +143,7 @@ def deciding_of(model: DesignModel, choice: CriterionChoice, noise: Mapping[str,
 
 
 def row_weights(model: DesignModel, noise: Mapping[str, float]) -> FloatArray:
-    """(n,): one over the noise of every joint."""
+    """Return one over the noise of every joint (n,)."""
     for name, value in noise.items():
         at = pointer(name, within="/noise")
         if name not in model.robot.joint_names:
@@ -129,19 +158,19 @@ def row_weights(model: DesignModel, noise: Mapping[str, float]) -> FloatArray:
     return np.array([1.0 / noise.get(name, typical) for name in model.robot.joint_names])
 
 
-def _named(model: DesignModel, wanted: Sequence[str]) -> tuple[int, ...]:
+def _named(model: DesignModel, chosen_names: Sequence[str]) -> tuple[int, ...]:
     names = model.parameter_names
-    unknown = [name for name in wanted if name not in names]
+    unknown = [name for name in chosen_names if name not in names]
     if unknown:
         raise DynidentError(
             f"there is no base parameter {listed(unknown)}; there are: {listed(names)}",
             pointer="/criterion/parameters",
         )
-    return tuple(k for k, name in enumerate(names) if name in wanted)
+    return tuple(k for k, name in enumerate(names) if name in chosen_names)
 
 
 def parameters_of(model: DesignModel, choice: EffectChoice) -> tuple[int, ...]:
-    """Indices of the base parameters that an effect of a design model has of its own; none where it is absorbed."""
+    """Return the indices of the base parameters that belong to an effect alone; none where it is absorbed."""
     return tuple(
         k
         for k, column in enumerate(model.kept[: model.n_parameters])
@@ -152,12 +181,12 @@ def parameters_of(model: DesignModel, choice: EffectChoice) -> tuple[int, ...]:
 
 
 def _of_effect(model: DesignModel, rival: EffectChoice, index: int) -> tuple[int, ...]:
-    found = parameters_of(model, rival)
-    if not found:
+    indices = parameters_of(model, rival)
+    if not indices:
         raise DynidentError(
             f"no motion can tell {rival.effect} from the rest of the model: its columns depend on the others, or on "
             "more than a trajectory gives",
             pointer=f"/criterion/effects/{index}",
             title="Inseparable effect",
         )
-    return found
+    return indices

@@ -1,4 +1,4 @@
-"""How well every parameter will come out of an experiment, before the robot moves."""
+"""Expected uncertainty of every parameter after an experiment, before the robot moves."""
 
 from __future__ import annotations
 
@@ -14,11 +14,16 @@ from dynident.excitation.observation.row_models import RowModel
 
 @dataclass(frozen=True)
 class ExpectedParameter:
-    """One base parameter.
+    """Expected uncertainty of one base parameter.
 
-    `share` in [0, 1] is what is left of its column beside all others; `standard_deviation`, in `unit`, is what
-    ordinary least squares weighted by the joints' noise reaches, `None` where no noise is stated, infinite where the
-    motion does not determine the parameter.
+    Parameters
+    ----------
+    name, effect, link, unit : str
+    share : float
+        In [0, 1]: the part of its column that all others cannot replace.
+    standard_deviation : float or None
+        In `unit`: what ordinary least squares weighted by the joints' noise reaches. None where no noise is stated,
+        infinite where the motion does not determine the parameter.
     """
 
     name: str
@@ -39,33 +44,41 @@ def expected_parameters(
     noise: FloatArray | None,
     earlier: FloatArray | None = None,
 ) -> tuple[ExpectedParameter, ...]:
-    """What is to be expected of the parameters.
+    """Return the expected uncertainty of the parameters.
 
     Parameters
     ----------
+    model : DesignModel
     w, dq : (m, n, b), (m, n)
         W of the dynamic model and q̇ at m representative samples of the motion.
     rows : RowModel
-        What the identification makes of them.
+        Rows that the identification makes of them.
     n_samples : float
         Number of samples of the experiment, each with noise of its own.
     noise : (n,), optional
         Standard deviation of a sample of every joint's torque.
     earlier : (r, b), optional
-        Rows beside W / √m that stand for earlier runs.
+        Rows besides W / √m that stand for the information of earlier runs.
+
+    Returns
+    -------
+    tuple of ExpectedParameter
     """
     m = len(w)
-    known = np.ones(w.shape[1]) if noise is None else noise
-    made = rows.rows(w, dq)
+    row_noise = np.ones(w.shape[1]) if noise is None else noise
+    weighted_rows = rows.rows(w, dq)
     if not rows.joined:
-        made = made / np.tile(known, m)[:, None]
+        weighted_rows = weighted_rows / np.tile(row_noise, m)[:, None]
     if earlier is not None:
-        made = np.concatenate([made, np.sqrt(m) * earlier / np.tile(known, len(earlier) // len(known))[:, None]])
-    found = inverse_diagonal(made)
-    variances = found.variances
+        weighted_rows = np.concatenate(
+            [weighted_rows, np.sqrt(m) * earlier / np.tile(row_noise, len(earlier) // len(row_noise))[:, None]]
+        )
+    diagonal = inverse_diagonal(weighted_rows)
+    variances = diagonal.variances
     if rows.joined or rows.mix is not None:
         lost = ~np.isfinite(variances)
-        variances = np.where(lost, np.inf, _of_estimator(made, rows, dq, known))
+        variances = np.where(lost, np.inf, _of_estimator(weighted_rows, rows, dq, row_noise))
+    # m samples represent n_samples independent ones: variances fall with their number.
     deviations = np.sqrt(variances * m / n_samples)
     return tuple(
         ExpectedParameter(
@@ -77,18 +90,19 @@ def expected_parameters(
             standard_deviation=None if noise is None else float(deviation),
         )
         for name, column, share, deviation in zip(
-            model.parameter_names, model.kept, found.shares, deviations, strict=False
+            model.parameter_names, model.kept, diagonal.shares, deviations, strict=False
         )
     )
 
 
-def _of_estimator(made: FloatArray, rows: RowModel, dq: FloatArray, noise: FloatArray) -> FloatArray:
-    """Variances (b,) of least squares on rows that are mixtures of the samples, and so have correlated noise."""
+def _of_estimator(solved_rows: FloatArray, rows: RowModel, dq: FloatArray, noise: FloatArray) -> FloatArray:
+    """Return variances (b,) of least squares on rows that are mixtures of the samples, and so have correlated noise."""
     m = len(dq)
-    per_sample = len(made) // m
-    solving = np.linalg.pinv(made).reshape(-1, m, per_sample)
+    per_sample = len(solved_rows) // m
+    # The estimate is this matrix times the rows; through the mixing it is a linear function of independent samples.
+    solving = np.linalg.pinv(solved_rows).reshape(-1, m, per_sample)
     if rows.mix is not None:
         solving = np.einsum("brk,rm->bmk", solving, rows.mix, optimize=True)
     weights = np.ones(per_sample) if rows.joined else 1.0 / noise
-    made_of: FloatArray = ((solving * weights * rows.unmixed_noise(dq, noise)) ** 2).sum(axis=(1, 2))
-    return made_of
+    variances: FloatArray = ((solving * weights * rows.unmixed_noise(dq, noise)) ** 2).sum(axis=(1, 2))
+    return variances

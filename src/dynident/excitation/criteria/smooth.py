@@ -1,8 +1,8 @@
 """Smooth criteria, of §12.3.4.1 and of optimal experiment design, with exact gradients.
 
 Each is a function of the eigenvalues of M = WᵀW / N (N samples), so that neither the number of samples nor the
-sampling rate changes what it says. Extreme singular values are not differentiable where they cross: the Schatten
-p-norm, p = 8, takes their place while optimising, and the true value is reported.
+sampling rate changes its value. Extreme singular values are not differentiable where they cross: the Schatten
+p-norm, p = 8, replaces them during optimisation, and the true value is reported.
 """
 
 from __future__ import annotations
@@ -43,13 +43,14 @@ class _Spectrum:
         return cls(np.maximum(values, _FLOOR * values[-1] + np.finfo(float).tiny), vectors)
 
     def gradient(self, w: FloatArray, slope: FloatArray) -> FloatArray:
-        """∂/∂W of a function of the eigenvalues with the derivatives `slope` (b,)."""
-        made: FloatArray = 2.0 * (w @ ((self.vectors * slope) @ self.vectors.T))
-        return made
+        """Return ∂/∂W of a function of the eigenvalues with the derivatives `slope` (b,)."""
+        gradient: FloatArray = 2.0 * (w @ ((self.vectors * slope) @ self.vectors.T))
+        return gradient
 
     def log_norm(self, exponent: float) -> tuple[float, FloatArray]:
-        """(1/|p|) log Σ λ^p and its slope: the smooth log λmax for p > 0, the smooth -log λmin for p < 0."""
+        """Return (1/|p|) log Σ λ^p and its slope: the smooth log λmax for p > 0, the smooth -log λmin for p < 0."""
         powers = exponent * np.log(self.values)
+        # Subtract the largest power before the exponential, which would overflow otherwise.
         top = powers.max()
         weights = np.exp(powers - top)
         total = weights.sum()
@@ -58,9 +59,11 @@ class _Spectrum:
 
 
 def condition_number(w: FloatArray) -> tuple[float, FloatArray]:
-    """Logarithm of the smooth condition number, ½ log(‖M‖p ‖M⁻¹‖p); [12.12].
+    """Return the logarithm of the smooth condition number, ½ log(‖M‖p ‖M⁻¹‖p), [12.12], and its gradient.
 
-    From powers of M and M⁻¹, which take a fraction of the time of its eigenvalues; those where M is nearly singular.
+    It comes from powers of M and M⁻¹, which take a fraction of the time of the eigenvalues; from these where M is
+    nearly
+    singular.
     """
     m = w.T @ w
     inverse = _inverse(m)
@@ -74,8 +77,9 @@ def condition_number(w: FloatArray) -> tuple[float, FloatArray]:
 
 
 def _log_norm_of(m: FloatArray) -> tuple[float, FloatArray]:
-    """log (tr M⁸)^(1/8) of a positive definite M and its derivative M⁷ / tr M⁸: the Schatten norm for p = 8."""
+    """Return log (tr M⁸)^(1/8) of a positive definite M and its derivative M⁷ / tr M⁸: the Schatten norm for p = 8."""
     size = float(np.trace(m))
+    # Divided by its trace, powers of M neither overflow nor underflow. Three products give the eighth power.
     first = m / size
     second = first @ first
     fourth = second @ second
@@ -84,7 +88,7 @@ def _log_norm_of(m: FloatArray) -> tuple[float, FloatArray]:
 
 
 def _inverse(m: FloatArray) -> FloatArray | None:
-    """M⁻¹ by Cholesky; None where M is so near to singular that its small eigenvalues are lost in it."""
+    """Return M⁻¹ by Cholesky; None where M is so near to singular that its small eigenvalues are lost in it."""
     factor, failed = dpotrf(m, lower=1)
     if failed:
         return None
@@ -102,28 +106,28 @@ def _condition_number_of_spectrum(w: FloatArray) -> tuple[float, FloatArray]:
 
 
 def d_optimal(w: FloatArray) -> tuple[float, FloatArray]:
-    """-log det M / b: the volume of the parameters' confidence ellipsoid."""
+    """Return -log det M / b, which is the volume of the parameters' confidence ellipsoid, and its gradient."""
     spectrum = _Spectrum.of(w)
     b = w.shape[1]
     return -float(np.log(spectrum.values).sum()) / b, spectrum.gradient(w, -1.0 / spectrum.values / b)
 
 
 def a_optimal(w: FloatArray) -> tuple[float, FloatArray]:
-    """Log trace M⁻¹: the sum of the parameters' variances."""
+    """Return log trace M⁻¹, which is the sum of the parameters' variances, and its gradient."""
     spectrum = _Spectrum.of(w)
     value, slope = spectrum.log_norm(-1.0)
     return value, spectrum.gradient(w, slope)
 
 
 def e_optimal(w: FloatArray) -> tuple[float, FloatArray]:
-    """Smooth -log σmin: the worst direction among the parameters."""
+    """Return the smooth -log σmin, which is the worst direction among the parameters, and its gradient."""
     spectrum = _Spectrum.of(w)
     value, slope = spectrum.log_norm(-_SCHATTEN)
     return 0.5 * value, spectrum.gradient(w, 0.5 * slope)
 
 
 def condition_plus_inverse_sigma(weight: float) -> Criterion:
-    """Log of [12.14], cond(W) + k2 / σmin."""
+    """Return the criterion log of [12.14], cond(W) + k2 / σmin."""
 
     def criterion(w: FloatArray) -> tuple[float, FloatArray]:
         spectrum = _Spectrum.of(w)
@@ -138,7 +142,7 @@ def condition_plus_inverse_sigma(weight: float) -> Criterion:
 
 
 def equilibrated(weight: float) -> Criterion:
-    """Log of [12.13], cond(W) + k1 max|Wij| / min|Wij| over the entries that are not zero.
+    """Return the criterion log of [12.13], cond(W) + k1 max|Wij| / min|Wij| over the entries that are not zero.
 
     Both extremes are p-norms of the entries, as those of the singular values are.
     """
@@ -159,13 +163,13 @@ def equilibrated(weight: float) -> Criterion:
 
 
 def nonzero_entries(w: FloatArray) -> NDArray[np.bool_]:
-    """Which entries (r, b) count for [12.13], min|Wij| ≠ 0: those above the rounding errors of the largest."""
+    """Return which entries (r, b) count for [12.13], min|Wij| ≠ 0: those above the rounding errors of the largest."""
     present: NDArray[np.bool_] = np.abs(w) > ENTRY_ROUNDING * np.abs(w).max()
     return present
 
 
 def weighted(a_priori: FloatArray) -> Criterion:
-    """Logarithm of the smooth cond(W diag(Z)), [12.15]; a_priori (b,) is |Z|."""
+    """Return the criterion log of the smooth cond(W diag(Z)), [12.15]; a_priori (b,) is |Z|."""
 
     def criterion(w: FloatArray) -> tuple[float, FloatArray]:
         value, gradient = condition_number(w * a_priori)
@@ -175,18 +179,24 @@ def weighted(a_priori: FloatArray) -> Criterion:
 
 
 def criterion_of(choice: CriterionChoice, a_priori: FloatArray, deciding: Deciding | None = None) -> Criterion:
-    """The function behind a choice.
+    """Return the smooth criterion of a choice.
 
     Parameters
     ----------
+    choice : CriterionChoice
     a_priori : (b,)
         |Z| of [12.15].
     deciding : Deciding, optional
         Parameters that "parameters" and "separation" are about; all where not given.
+
+    Returns
+    -------
+    callable
+        Value and ∂/∂W (r, b) at W (r, b).
     """
     check_criterion(choice)
-    whose = deciding or Deciding.all_of(len(a_priori))
-    of_w: Mapping[str, Criterion] = {
+    scope = deciding or Deciding.all_of(len(a_priori))
+    criteria: Mapping[str, Criterion] = {
         "condition_number": condition_number,
         "d_optimal": d_optimal,
         "a_optimal": a_optimal,
@@ -194,7 +204,7 @@ def criterion_of(choice: CriterionChoice, a_priori: FloatArray, deciding: Decidi
         "equilibrated": equilibrated(choice.weight),
         "condition_plus_inverse_sigma": condition_plus_inverse_sigma(choice.weight),
         "weighted": weighted(a_priori),
-        "parameters": relative_variances(whose, a_priori),
-        "separation": relative_variances(whose, a_priori),
+        "parameters": relative_variances(scope, a_priori),
+        "separation": relative_variances(scope, a_priori),
     }
-    return of_w[choice.name]
+    return criteria[choice.name]

@@ -1,4 +1,4 @@
-"""What a motion is worth by every criterion as the chapter writes it (§12.3.4.1), by singular values."""
+"""Values of a motion by every criterion as the chapter writes it (§12.3.4.1), by singular values."""
 
 from __future__ import annotations
 
@@ -14,10 +14,17 @@ from dynident.excitation.criteria.variances import Deciding, sum_of_variances
 
 @dataclass(frozen=True)
 class CriterionValues:
-    """What a motion is worth, by every yardstick; singular values are those of W / √N.
+    """Values of a motion by all criteria; singular values are those of W / √N.
 
-    `condition_number` is [12.12], infinite where W has no full rank. `criterion` is the chosen criterion's value as
-    the chapter writes it; `log_determinant` and `trace_of_inverse` are of M = WᵀW / N.
+    Parameters
+    ----------
+    condition_number : float
+        [12.12], infinite where W does not have full rank.
+    criterion : float
+        The chosen criterion's value as the chapter writes it.
+    smallest_singular_value, largest_singular_value : float
+    log_determinant, trace_of_inverse : float
+        Of M = WᵀW / N.
     """
 
     condition_number: float
@@ -31,17 +38,17 @@ class CriterionValues:
 def true_values(
     choice: CriterionChoice, w: FloatArray, n_samples: int, a_priori: FloatArray, deciding: Deciding | None = None
 ) -> CriterionValues:
-    """Values of W (r, b) at N samples without smoothing, by singular values."""
+    """Return the values of W (r, b) at N samples without smoothing, by singular values."""
     scaled = w / np.sqrt(n_samples)
     sigma = np.linalg.svd(scaled, compute_uv=False)
     condition = _ratio(float(sigma[0]), float(sigma[-1]))
     full = np.isfinite(condition)
     inverse_squares = float(np.sum(sigma**-2)) if full else np.inf
-    whose = deciding or Deciding.all_of(w.shape[1])
+    scope = deciding or Deciding.all_of(w.shape[1])
     log_determinant = float(2 * np.sum(np.log(sigma))) if full else -np.inf
     return CriterionValues(
         condition_number=condition,
-        criterion=_as_written(choice, scaled, sigma, a_priori, whose, log_determinant, inverse_squares),
+        criterion=_as_written(choice, scaled, sigma, a_priori, scope, log_determinant, inverse_squares),
         smallest_singular_value=float(sigma[-1]),
         largest_singular_value=float(sigma[0]),
         log_determinant=log_determinant,
@@ -58,6 +65,7 @@ def _as_written(
     log_determinant: float,
     inverse_squares: float,
 ) -> float:
+    """Return the value of the chosen criterion as the chapter writes it."""
     condition = _ratio(float(sigma[0]), float(sigma[-1]))
     if choice.name == "equilibrated":
         sizes = np.abs(w[nonzero_entries(w)])
@@ -79,5 +87,5 @@ def _as_written(
 
 
 def _ratio(largest: float, smallest: float) -> float:
-    """First over second, infinite where the second is rounding."""
+    """Return the first over the second, infinite where the second is rounding."""
     return largest / smallest if smallest > 1e-12 * largest else np.inf

@@ -1,8 +1,8 @@
-"""How well chosen parameters come out: the diagonal of M⁻¹, all other columns present, and its gradient.
+"""Variances of chosen parameters: the diagonal of M⁻¹, all other columns present, and its gradient.
 
-For two rival effects A and B in one model [base | A | B], 1 / (M⁻¹)aa is the squared distance of what A adds from the
-best that base and B can do instead, for a unit amplitude: minimising the variance of A's parameter is T-optimality
-(Atkinson and Fedorov 1975) for the pair.
+For two rival effects A and B in one model [base | A | B], 1 / (M⁻¹)aa is the squared distance of the contribution of A
+from the best that base and B can do instead, for a unit amplitude: minimising the variance of A's parameter is
+T-optimality (Atkinson and Fedorov 1975) for the pair.
 """
 
 from __future__ import annotations
@@ -17,15 +17,22 @@ from dynident.arrays import FloatArray
 # Eigenvalues of the equilibrated M below this share of the largest are rounding errors.
 _FLOOR = 1e-13
 _LOST = 1e-6
-"""Squared share of a parameter in the directions that W does not see, from which on it counts as not determined."""
+"""Squared share of a parameter in the directions that W does not excite, above which it counts as undetermined."""
 
 
 @dataclass(frozen=True, eq=False)
 class Deciding:
-    """Whose variances count: groups of parameter indices, and the weight (n,) of every joint's rows, 1 / noise.
+    """Parameters whose variances count, and the weights of the joints' rows.
 
     Within a group relative variances are added; groups are weighed by the product of their sums, so that no unit
     decides which of them matters.
+
+    Parameters
+    ----------
+    groups : tuple of tuple of int
+        Indices of parameters.
+    row_weights : (n,)
+        1 / noise of every joint.
     """
 
     groups: tuple[tuple[int, ...], ...]
@@ -33,16 +40,16 @@ class Deciding:
 
     @classmethod
     def all_of(cls, n_parameters: int) -> Deciding:
-        """All parameters in one group, all rows alike."""
+        """Return all parameters in one group, all rows alike."""
         return cls((tuple(range(n_parameters)),), np.ones(1))
 
     def weighted(self, w: FloatArray) -> FloatArray:
-        """W (m n, b) with the weights on its rows."""
+        """Return W (m n, b) with the weights on its rows."""
         return w * np.tile(self.row_weights, len(w) // len(self.row_weights))[:, None]
 
 
 def relative_variances(deciding: Deciding, a_priori: FloatArray) -> Callable[[FloatArray], tuple[float, FloatArray]]:
-    """Log of the (geometric mean over groups of the) sum of variances relative to a_priori² (b,)."""
+    """Return the criterion: log of the (geometric mean over groups of the) sum of variances over a_priori² (b,)."""
 
     def criterion(w: FloatArray) -> tuple[float, FloatArray]:
         rows = deciding.weighted(w)
@@ -56,10 +63,10 @@ def relative_variances(deciding: Deciding, a_priori: FloatArray) -> Callable[[Fl
 
 
 def sum_of_variances(deciding: Deciding, a_priori: FloatArray, w: FloatArray) -> float:
-    """The criterion's value without its logarithm; infinite where a parameter is not determined."""
+    """Return the criterion's value without its logarithm; infinite where a parameter is not determined."""
     variances = inverse_diagonal(deciding.weighted(w)).variances
-    deciding_ones = [k for group in deciding.groups for k in group]
-    if not np.isfinite(variances[deciding_ones]).all():
+    indices = [k for group in deciding.groups for k in group]
+    if not np.isfinite(variances[indices]).all():
         return np.inf
     return float(np.exp(_value(deciding.groups, variances, a_priori)[0]))
 
@@ -75,20 +82,26 @@ def _value(groups: Sequence[tuple[int, ...]], variances: FloatArray, a_priori: F
 
 
 def _inverse(w: FloatArray) -> FloatArray:
-    """M⁻¹ (b, b), M = WᵀW, of equilibrated columns so that units do not cost digits."""
+    """Return M⁻¹ (b, b), M = WᵀW, of equilibrated columns so that units do not cost digits."""
     sizes = np.linalg.norm(w, axis=0) + np.finfo(float).tiny
     values, vectors = np.linalg.eigh((w / sizes).T @ (w / sizes))
+    # A floor instead of an error: the optimiser may pass through motions that lose rank.
     values = np.maximum(values, _FLOOR * values[-1] + np.finfo(float).tiny)
-    made: FloatArray = (vectors / values) @ vectors.T / np.outer(sizes, sizes)
-    return made
+    inverse: FloatArray = (vectors / values) @ vectors.T / np.outer(sizes, sizes)
+    return inverse
 
 
 @dataclass(frozen=True, eq=False)
 class InverseDiagonal:
-    """variances (b,): the diagonal of M⁻¹, infinite where W does not determine a parameter; shares (b,) in [0, 1].
+    """Diagonal of M⁻¹, and how independent every column is.
 
-    A share is what is left of a column beside all others, by its norm: 1 for a column at right angles to them, 0 for
-    one that they can replace.
+    Parameters
+    ----------
+    variances : (b,)
+        Diagonal of M⁻¹, infinite where W does not determine a parameter.
+    shares : (b,)
+        In [0, 1]: the part of a column that the others cannot replace, by its norm. 1 for a column at right angles to
+        them, 0 for one that they can replace.
     """
 
     variances: FloatArray
@@ -96,19 +109,19 @@ class InverseDiagonal:
 
 
 def inverse_diagonal(w: FloatArray) -> InverseDiagonal:
-    """Variances of the parameters of W (r, b) for unit noise, and what is left of every column beside the others."""
+    """Return variances of the parameters of W (r, b) for unit noise, and how independent every column is."""
     return inverse_diagonal_of(w.T @ w)
 
 
 def inverse_diagonal_of(information: FloatArray) -> InverseDiagonal:
-    """The same of the information matrix M (b, b)."""
+    """Return the same from the information matrix M (b, b)."""
     squares = np.diag(information)
     absent = squares <= 0
     sizes = np.sqrt(np.where(absent, 1.0, squares))
     values, vectors = np.linalg.eigh(information / np.outer(sizes, sizes))
-    seen = values > _FLOOR * len(values) * values[-1]
-    scaled = (vectors[:, seen] ** 2 / values[seen]).sum(axis=1)
-    lost = absent | ((vectors[:, ~seen] ** 2).sum(axis=1) > _LOST)
+    is_seen = values > _FLOOR * len(values) * values[-1]
+    scaled = (vectors[:, is_seen] ** 2 / values[is_seen]).sum(axis=1)
+    lost = absent | ((vectors[:, ~is_seen] ** 2).sum(axis=1) > _LOST)
     variances = np.where(lost, np.inf, scaled / sizes**2)
     shares = np.where(lost, 0.0, 1.0 / np.sqrt(np.maximum(scaled, 1.0)))
     return InverseDiagonal(variances, shares)

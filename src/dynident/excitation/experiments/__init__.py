@@ -1,1 +1,1 @@
-"""One module a kind of experiment: from the wish to a motion from home to home that keeps every limit."""
+"""Kinds of experiments, one module each: from the request to a motion from home to home that keeps every limit."""

@@ -1,4 +1,4 @@
-"""What earlier runs have told of the parameters already: the next experiment is to complement them."""
+"""Information of earlier runs about the parameters, which the next experiment is to complement."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dynident.regressors.stream import reduce_recordings
 def earlier_rows(
     model: DesignModel, recordings: Sequence[Recording], request: DesignRequest, progress: Progress = silent
 ) -> FloatArray:
-    """Rows (m n, b) that stand for earlier recordings beside the rows W / √N of one period of a design.
+    """Return rows (m n, b) that stand for earlier recordings besides the rows W / √N of one period of a design.
 
     They have the same WᵀW as all rows of the recordings, in proportion to the length of the new experiment: a minute
     recorded counts as much as a minute designed. Row j of every sample is joint j's.
@@ -27,7 +27,7 @@ def earlier_rows(
     Raises
     ------
     DynidentError
-        A recording is another robot's, or the experiment is of a kind that earlier runs cannot count beside.
+        A recording is another robot's, or the experiment is of a kind that earlier runs cannot be added to.
     """
     _check_addable(model, request)
     for recording in recordings:
@@ -41,18 +41,19 @@ def earlier_rows(
     preprocessing = choose_preprocessing(recordings)
     reduction = reduce_recordings(model.observation, recordings, preprocessing, model.reference, progress)
     n, b = model.robot.n, model.n_parameters
+    # The triangular factors have the inner products of all rows: a few rows stand for whole recordings.
     rows = np.zeros((max(equation.factors.shape[-1] for equation in reduction.equations), n, b))
     for joint, equation in enumerate(reduction.equations):
         k = len(equation.columns)
         rows[: k + 1, joint, equation.columns] = equation.joined[:, :k]
     seconds = sum(used_duration(recording) for recording in recordings)
     per_second = reduction.n_rows / n / seconds
-    made: FloatArray = rows.reshape(-1, b) / np.sqrt(planned_seconds(request) * per_second)
-    return made
+    equivalent_rows: FloatArray = rows.reshape(-1, b) / np.sqrt(planned_seconds(request) * per_second)
+    return equivalent_rows
 
 
 def _check_addable(model: DesignModel, request: DesignRequest) -> None:
-    """Raise `DynidentError` where the rows of earlier runs have no place beside those of the design."""
+    """Raise `DynidentError` where the rows of earlier runs cannot be added to those of the design."""
     if request.kind == "sequential":
         raise DynidentError(
             "a set of test motions complements itself, not earlier runs; leave the earlier runs out, or choose the "
@@ -74,6 +75,6 @@ def _check_addable(model: DesignModel, request: DesignRequest) -> None:
 
 
 def planned_seconds(request: DesignRequest) -> float:
-    """Seconds of the exciting part as they are asked for; what comes out may last otherwise."""
-    wanted = request.trajectory
-    return float(wanted.duration * wanted.periods * sum(1.0 / pace for pace in wanted.paces))
+    """Return the requested duration of the exciting part, s; the design may last longer or shorter."""
+    trajectory = request.trajectory
+    return float(trajectory.duration * trajectory.periods * sum(1.0 / pace for pace in trajectory.paces))

@@ -30,39 +30,43 @@ from dynident.progress import Progress, part, silent
 
 _VALUED_SAMPLES = 1000
 _SHRINKS = (0.999,) * 20 + (0.95,) * 30
-"""Fractions of a percent for what happens between the samples; more where shapes come nearer than their capsules."""
+"""Factors on the amplitude: small ones for excursions between the samples, larger ones for exact shapes.
+
+Exact shapes may come nearer to each other than the capsules that the search uses.
+"""
 # Of the time: optimising gains more than looking for better random trajectories.
 _RANDOM_SHARE = 0.3
 
 
-def family_of(wanted: TrajectoryRequest, period: float) -> Family:
-    """Fourier series or B-splines of one period (s); `DynidentError` for what is neither."""
-    if wanted.family == "b_spline":
-        return BSplineFamily(wanted.intervals, period)
-    if wanted.family == "fourier":
-        return FourierFamily(wanted.harmonics, period)
-    raise DynidentError(f"a trajectory of the family {wanted.family} has no period", pointer="/trajectory/family")
+def family_of(trajectory: TrajectoryRequest, period: float) -> Family:
+    """Return the family of Fourier series or B-splines of one period (s); raise `DynidentError` for other families."""
+    if trajectory.family == "b_spline":
+        return BSplineFamily(trajectory.intervals, period)
+    if trajectory.family == "fourier":
+        return FourierFamily(trajectory.harmonics, period)
+    raise DynidentError(f"a trajectory of the family {trajectory.family} has no period", pointer="/trajectory/family")
 
 
 def periodic(task: Task, budget: Budget) -> Made:
     """Design a trajectory of a linear family, with the moves there and back."""
     request, model, bounds, rate = task.request, task.model, task.bounds, task.rate
-    wanted = request.trajectory
-    steps = max(round(wanted.duration * rate), 1)
-    family = family_of(wanted, steps / rate)
-    asked = wanted.duration
-    if len(wanted.paces) == 1:
-        family, asked = _at_pace(family, wanted.paces[0], rate), asked / wanted.paces[0]
+    trajectory = request.trajectory
+    steps = max(round(trajectory.duration * rate), 1)
+    family = family_of(trajectory, steps / rate)
+    requested_period = trajectory.duration
+    if len(trajectory.paces) == 1:
+        family, requested_period = _at_pace(family, trajectory.paces[0], rate), requested_period / trajectory.paces[0]
     notes = []
-    if abs(family.period - asked) > 1e-9 * asked:
+    if abs(family.period - requested_period) > 1e-9 * requested_period:
         notes.append(f"The period is {family.period:.9g} s: a whole number of sampling periods.")
     notes += task.yardstick.notes
-    found = searched(request, family, model, bounds, task.yardstick, budget, task.progress, task.checkpoints)
-    candidates, best = found.candidates, found.best
-    baseline = baseline_of([one.values for one in candidates])
-    notes += found.notes
+    search = searched(request, family, model, bounds, task.yardstick, budget, task.progress, task.checkpoints)
+    candidates, best = search.candidates, search.best
+    baseline = baseline_of([candidate.values for candidate in candidates])
+    notes += search.notes
     if not np.isfinite(best.values.condition_number):
         notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
+    # The baseline and the result are reported on the same samples, more than the search could afford.
     finer = 0 if request.criterion.is_of_its_samples else _VALUED_SAMPLES
     fine = Judge(family, model, task.yardstick, n_samples=finer, rows=request.model)
     motions, margins = within_limits(task, family, best)
@@ -70,7 +74,7 @@ def periodic(task: Task, budget: Budget) -> Made:
     margins = _wider(margins, task.verified((placed.approach, placed.retreat)))
     if not keeps(margins):
         raise broken(margins)
-    pieces = (placed.approach, *(replace(motion, periods=wanted.periods) for motion in motions), placed.retreat)
+    pieces = (placed.approach, *(replace(motion, periods=trajectory.periods) for motion in motions), placed.retreat)
     exciting = (placed.approach.duration, sum(piece.duration for piece in pieces[:-1]))
     one_pace = len(motions) == 1
     return Made(
@@ -86,7 +90,7 @@ def periodic(task: Task, budget: Budget) -> Made:
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """Random trajectories inside the limits, best first, and the best of all, optimised where that was asked for."""
+    """Random trajectories inside the limits, best first, and the best of all, optimised where requested."""
 
     candidates: tuple[Candidate, ...]
     best: Candidate
@@ -103,9 +107,9 @@ def searched(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Searched:
-    """Look for coefficients that keep the limits and that the yardstick likes.
+    """Search for coefficients that keep the limits and have a good criterion value.
 
-    Without a time budget the same request gives the same answer, here and wherever it is made again.
+    Without a time budget the same request gives the same answer, here and wherever it is repeated.
 
     Raises
     ------
@@ -148,7 +152,7 @@ def _valued(task: Task, judge: Judge, motion: PeriodicMotion) -> Valued:
 
 
 def within_limits(task: Task, family: Family, best: Candidate) -> tuple[tuple[PeriodicMotion, ...], tuple[Margin, ...]]:
-    """One period of the best candidate at every pace, shrunk until the fine grid agrees."""
+    """Return one period of the best candidate at every pace, its amplitude reduced until the fine grid agrees."""
     x = best.x.copy()
     paces = task.request.trajectory.paces
     families = [family] if len(paces) == 1 else [_at_pace(family, pace, task.rate) for pace in paces]
@@ -163,13 +167,13 @@ def within_limits(task: Task, family: Family, best: Candidate) -> tuple[tuple[Pe
 
 
 def _at_pace(family: Family, pace: float, rate: float) -> Family:
-    """The family whose trajectories take the same paths at a share `pace` of the speed."""
+    """Return the family whose trajectories take the same paths at a share `pace` of the speed."""
     return family.lasting(float(np.ceil(family.period / pace * rate - 1e-6)) / rate)
 
 
-def _wider(one: Sequence[Margin], other: Sequence[Margin]) -> tuple[Margin, ...]:
-    """Of each limit the margin that is used up more."""
-    return tuple(max(pair, key=lambda margin: margin.share) for pair in zip(one, other, strict=True))
+def _wider(first: Sequence[Margin], second: Sequence[Margin]) -> tuple[Margin, ...]:
+    """Return of each limit the margin that is used up more."""
+    return tuple(max(pair, key=lambda margin: margin.share) for pair in zip(first, second, strict=True))
 
 
 def _no_room(bounds: Bounds) -> DynidentError:

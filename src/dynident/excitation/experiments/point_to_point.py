@@ -1,4 +1,4 @@
-"""Experiments that go from point to point, at rest in each (§12.3.4.1): random, or with the best points found."""
+"""Experiments that go from point to point, at rest in each (§12.3.4.1): random, or with optimised points."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def point_to_point(task: Task, budget: Budget) -> Made:
     if request.kind == "optimized":
         best, note = _best(task, space, legs, candidates, budget)
         notes.append(note)
-    chosen, pieces = first_that_fits(task, [best.sequence, *(one.sequence for one in candidates)])
+    chosen, pieces = first_that_fits(task, [best.sequence, *(candidate.sequence for candidate in candidates)])
     placed = with_moves(request.home, chosen.points[-1], bounds, model, task.rate)
     margins = verified(task, (placed.approach, *pieces, placed.retreat))
     rounds = _dwelling(pieces * request.trajectory.periods, chosen, task)
@@ -68,14 +68,14 @@ def point_to_point(task: Task, budget: Budget) -> Made:
         exciting,
         None if request.trajectory.dwell[1] > 0 else period,
         valued,
-        baseline_of([one.values for one in candidates]),
+        baseline_of([candidate.values for candidate in candidates]),
         margins,
         (*notes, *placed.notes),
     )
 
 
 def _dwelling(moves: Sequence[Piece], sequence: PointSequence, task: Task) -> tuple[Piece, ...]:
-    """The moves, each of which ends in the next of the points, with a rest after each where one is asked for."""
+    """Return the moves, each of which ends in the next point, with a rest after each where requested."""
     least, most = task.request.trajectory.dwell
     if most <= 0:
         return tuple(moves)
@@ -91,10 +91,10 @@ def _dwelling(moves: Sequence[Piece], sequence: PointSequence, task: Task) -> tu
 def _best(
     task: Task, space: FreePoints, legs: Legs, candidates: list[FoundSequence], budget: Budget
 ) -> tuple[FoundSequence, str]:
-    """The best sequence reached from the best random ones, one after the other."""
+    """Return the best sequence reached from the best random ones, one after the other, and a note."""
     best, completed = candidates[0], 0
-    wanted = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
-    for start in range(wanted):
+    start_count = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
+    for start in range(start_count):
         if budget.spent:
             break
 
@@ -122,18 +122,18 @@ def _best(
     return best, f"{ended} before the time was over." if budget.spent else f"{ended}."
 
 
-def first_that_fits(task: Task, found: Sequence[PointSequence]) -> tuple[PointSequence, tuple[Piece, ...]]:
-    """The first sequence whose moves keep the limits on the fine grid as well, and these moves."""
-    for one in found[:_MOST_SETTLED]:
+def first_that_fits(task: Task, sequences: Sequence[PointSequence]) -> tuple[PointSequence, tuple[Piece, ...]]:
+    """Return the first sequence whose moves keep the limits on the fine grid as well, and these moves."""
+    for sequence in sequences[:_MOST_SETTLED]:
         try:
-            return one, settled(task, one)
+            return sequence, settled(task, sequence)
         except ImpossibleLimitsError as error:
             reason = error
     raise reason
 
 
 def settled(task: Task, sequence: PointSequence) -> tuple[Piece, ...]:
-    """The moves of one round, slowed down by a few per cent until the fine grid agrees."""
+    """Return the moves of one round, slowed down by a few per cent until the fine grid agrees."""
     for _ in range(_ATTEMPTS):
         pieces = _planned(task, sequence)
         margins = task.verified(pieces)
@@ -155,7 +155,7 @@ def _planned(task: Task, sequence: PointSequence) -> tuple[Piece, ...]:
 
 
 def verified(task: Task, pieces: tuple[Piece, ...]) -> tuple[Margin, ...]:
-    """The margins of pieces; `ImpossibleLimitsError` where a limit is broken."""
+    """Return the margins of pieces; raise `ImpossibleLimitsError` where a limit is broken."""
     margins = task.verified(pieces)
     if not keeps(margins):
         raise broken(margins)
@@ -163,7 +163,7 @@ def verified(task: Task, pieces: tuple[Piece, ...]) -> tuple[Margin, ...]:
 
 
 def check_no_path(model: DesignModel) -> None:
-    """Raise where a column depends on the path travelled: moves can then not be looked at one by one."""
+    """Raise where a column depends on the path travelled: moves can then not be evaluated one by one."""
     if model.needs_path:
         raise DynidentError(
             "an effect depends on the path since the last reversal (presliding, hysteresis): moves from point to "

@@ -41,7 +41,7 @@ class Course:
 
 @dataclass(frozen=True)
 class Stroke:
-    """One joint's way from `low` to `high` and back at `speed`."""
+    """The motion of one joint from `low` to `high` and back at `speed`."""
 
     joint: int
     low: float
@@ -73,7 +73,7 @@ def joint_by_joint(task: Task) -> Made:
 
 
 def strokes_of(request: DesignRequest, bounds: Bounds, home: FloatArray) -> tuple[Stroke, ...]:
-    """The strokes that a request for a motion of one joint at a time asks for, around home (n,), joint by joint."""
+    """Return the strokes of a request for a motion of one joint at a time, around home (n,), joint by joint."""
     bounds = clear_ranges(bounds, home)
     joints = [int(j) for j in np.flatnonzero(moving_joints(request.trajectory.joints, bounds.names))]
     if request.kind == "slow_sweep":
@@ -84,7 +84,7 @@ def strokes_of(request: DesignRequest, bounds: Bounds, home: FloatArray) -> tupl
 
 
 def clear_ranges(bounds: Bounds, home: FloatArray) -> Bounds:
-    """The same with the range of every joint cut down to where it touches nothing while the others are at home (n,)."""
+    """Return bounds with the range of every joint cut down to where it is clear while the others are at home (n,)."""
     if bounds.space is None:
         return bounds
     low, high = bounds.position_low.copy(), bounds.position_high.copy()
@@ -96,6 +96,7 @@ def clear_ranges(bounds: Bounds, home: FloatArray) -> Bounds:
             hindered = bounds.space.hindered(along)
             if hindered.any():
                 last = max(int(hindered.argmax()) - 1, 0)
+                # Stop half a look before the last clear position: the obstacle may begin anywhere between two looks.
                 end[j] = reach[last] - step * _STOP_BEFORE * abs(reach[1] - reach[0]) if last else home[j]
     return replace(bounds, position_low=low, position_high=high)
 
@@ -103,31 +104,32 @@ def clear_ranges(bounds: Bounds, home: FloatArray) -> Bounds:
 def _constant_speeds(
     bounds: Bounds, home: FloatArray, joints: Sequence[int], speeds: Sequence[float], longest: float
 ) -> tuple[Stroke, ...]:
-    """As far as the range allows, at most `longest` s, slowest first."""
-    made = []
+    """Return strokes as long as the range allows, at most `longest` s, slowest first."""
+    strokes = []
     for j in joints:
         room = min(2 * bounds.half_range[j] * _STROKE_SHARE, _LONGEST_STROKE)
+        # v² = a d: the speed that is reached within the share of the stroke that both ramps may take.
         reachable = float(np.sqrt(bounds.acceleration[j] * room * _RAMP_SHARE))
         for share in sorted(speeds):
             speed = min(share * float(bounds.velocity[j]), reachable)
-            made.append(_around(bounds, home, j, min(room, speed * longest), speed))
-    return tuple(made)
+            strokes.append(_around(bounds, home, j, min(room, speed * longest), speed))
+    return tuple(strokes)
 
 
 def _sweeps(bounds: Bounds, joints: Sequence[int], duration: float) -> tuple[Stroke, ...]:
-    """Over the whole range, but no more than a turn."""
-    made = []
+    """Return strokes over the whole range, but no more than a turn."""
+    strokes = []
     for j in joints:
         length = min(2 * bounds.half_range[j] * _SWEEP_SHARE, _LONGEST_SWEEP)
         speed = min(length / duration, float(bounds.velocity[j]))
-        made.append(_around(bounds, bounds.middle, j, length, speed))
-    return tuple(made)
+        strokes.append(_around(bounds, bounds.middle, j, length, speed))
+    return tuple(strokes)
 
 
 def _reversals(
     bounds: Bounds, home: FloatArray, joints: Sequence[int], speeds: Sequence[float], amplitudes: Sequence[float]
 ) -> tuple[Stroke, ...]:
-    """Back and forth by growing amplitudes, slowest first."""
+    """Return strokes back and forth by growing amplitudes, slowest first."""
     for j in joints:
         if max(amplitudes) > 2 * bounds.half_range[j]:
             raise ImpossibleLimitsError(
@@ -159,7 +161,7 @@ def course_of(
     rate: float,
     progress: Progress = silent,
 ) -> Course:
-    """Moves through all strokes, there and back `repeats` times each, the other joints at home.
+    """Return moves through all strokes, there and back `repeats` times each, the other joints at home.
 
     Raises
     ------
@@ -167,7 +169,7 @@ def course_of(
         The arm cannot be held somewhere on the way.
     """
     pieces: list[Piece] = []
-    at = home
+    posture = home
     for number, stroke in enumerate(strokes):
         progress(number / len(strokes), f"stroke {number + 1} of {len(strokes)}")
         limits = bounds.velocity.copy()
@@ -175,12 +177,12 @@ def course_of(
         slow = replace(bounds, velocity=limits)
         low, high = home.copy(), home.copy()
         low[stroke.joint], high[stroke.joint] = stroke.low, stroke.high
-        pieces.append(way_between(at, low, bounds, model, rate))
+        pieces.append(way_between(posture, low, bounds, model, rate))
         for _ in range(repeats):
             pieces.append(move_within_torque(low, high, slow, model, rate))
             pieces.append(move_within_torque(high, low, slow, model, rate))
-        at = low
+        posture = low
     last = sum(piece.duration for piece in pieces)
     first = pieces[0].duration
-    pieces.append(way_between(at, home, bounds, model, rate))
+    pieces.append(way_between(posture, home, bounds, model, rate))
     return Course(tuple(pieces), first, last)

@@ -1,4 +1,4 @@
-"""What the makers of all kinds of experiments share: the wish, the model, the limits, and the verification."""
+"""Task of a design, which all kinds of experiments share: request, model, limits and verification."""
 
 from __future__ import annotations
 
@@ -28,12 +28,25 @@ _CHUNK = 50_000
 _VALUED_SAMPLES = 10_000
 
 STANDS = 1e-4
-"""rad/s or m/s below which a joint of a planned motion, which has no noise, stands."""
+"""Velocity, rad/s or m/s, below which a joint of a planned motion, which has no noise, stands still."""
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """`limits` are those that must hold, `bounds` those that are designed for: a hair inside."""
+    """A design to be made.
+
+    Parameters
+    ----------
+    request : DesignRequest
+    model : DesignModel
+    yardstick : Yardstick
+    limits : Bounds
+        Limits that must hold.
+    bounds : Bounds
+        Limits that are designed for, slightly tighter.
+    progress : Progress
+    checkpoints : Checkpoints
+    """
 
     request: DesignRequest
     model: DesignModel
@@ -45,37 +58,45 @@ class Task:
 
     @property
     def rate(self) -> float:
-        """Hz."""
+        """Sampling rate, Hz."""
         return self.request.trajectory.sampling_rate
 
     def verified(self, pieces: Sequence[Piece]) -> tuple[Margin, ...]:
-        """Margins against the limits proper, on a grid finer than the sampling."""
+        """Return the margins against the true limits, on a grid finer than the sampling."""
         check_length(pieces, self.rate)
         torque = self.model.torque if self.limits.checks_torque else None
         finely = _finely(pieces, self.rate * _CHECKS_PER_SAMPLE, part(self.progress, 0.95, 1.0))
         return margins_of(self.limits, finely, torque)
 
     def valued(self, pieces: Sequence[Piece], exciting: tuple[float, float]) -> Valued:
-        """What the exciting part of pieces one after the other is worth."""
+        """Return the values of the exciting part of a sequence of pieces."""
         motion = in_sequence(pieces, self.rate)
         inside = np.flatnonzero((motion.t >= exciting[0]) & (motion.t <= exciting[1]))
-        taken = inside[:: max(1, len(inside) // _VALUED_SAMPLES)]
-        dq = motion.dq[taken]
+        samples = inside[:: max(1, len(inside) // _VALUED_SAMPLES)]
+        dq = motion.dq[samples]
         # The equation of a joint that stands holds for any torque below its static friction: it tells nothing.
-        w = self.model.observe_along(motion, taken) * (np.abs(dq) > STANDS).reshape(-1, 1)
+        w = self.model.observe_along(motion, samples) * (np.abs(dq) > STANDS).reshape(-1, 1)
         earlier = self.yardstick.earlier
         if earlier is not None:
             # They count in proportion to how long the experiment is, not to how long it was asked for.
             earlier = earlier * np.sqrt(planned_seconds(self.request) / (exciting[1] - exciting[0]))
         expected = self.expected(w.reshape(*dq.shape, -1), dq, EVERY_JOINT, len(inside), earlier)
-        return Valued(replace(self.yardstick, earlier=earlier).values(w, len(taken)), expected)
+        return Valued(replace(self.yardstick, earlier=earlier).values(w, len(samples)), expected)
 
     def expected(
         self, w: FloatArray, dq: FloatArray, rows: RowModel, n_samples: float, earlier: FloatArray | None
     ) -> tuple[ExpectedParameter, ...]:
-        """How well the parameters come out of `n_samples` samples like those of W (m, n, b) and q̇ (m, n).
+        """Return the expected uncertainty of the parameters.
 
-        `earlier` (r, b): rows beside W / √m that stand for earlier runs.
+        Parameters
+        ----------
+        w, dq : (m, n, b), (m, n)
+            W and q̇ at representative samples.
+        rows : RowModel
+        n_samples : float
+            Number of samples of the experiment.
+        earlier : (r, b) or None
+            Rows besides W / √m that stand for the information of earlier runs.
         """
         noise = 1.0 / row_weights(self.model, self.request.noise) if self.request.noise else None
         return expected_parameters(self.model, w, dq, rows, n_samples, noise=noise, earlier=earlier)
@@ -83,7 +104,7 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Valued:
-    """A motion's worth by the criteria, and parameter by parameter."""
+    """Values of a motion by the criteria, and parameter by parameter."""
 
     values: CriterionValues
     expected: tuple[ExpectedParameter, ...]
@@ -91,7 +112,7 @@ class Valued:
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """What is left to be put into a `Design`."""
+    """A designed motion with all that a `Design` needs."""
 
     pieces: tuple[Piece, ...]
     exciting: tuple[float, float]
@@ -104,7 +125,7 @@ class Made:
 
 
 def _finely(pieces: Sequence[Piece], rate: float, progress: Progress) -> Iterator[Motion]:
-    """Pieces on grids of at least `rate`, ends included, in chunks."""
+    """Yield pieces on grids of at least `rate`, ends included, in chunks."""
     for number, piece in enumerate(pieces):
         t = np.linspace(0.0, piece.duration, int(np.ceil(piece.duration * rate)) + 1)
         for first in range(0, len(t), _CHUNK):

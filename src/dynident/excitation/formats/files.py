@@ -21,10 +21,18 @@ FORMATS = ("csv", "parquet", "json")
 
 
 def design_table(design: Design) -> pa.Table:
-    """Columns t, q_<joint>…, dq_<joint>…, ddq_<joint>… of all samples.
+    """Return the samples of a design as a table.
 
-    Of a set of test motions also `segment`: the number of the run from 1 on, 0 on the ways between them. A recording
-    that keeps it is cut there.
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    pyarrow.Table
+        Columns t, q_<joint>…, dq_<joint>…, ddq_<joint>…. For a set of test motions also `segment`: the number of the
+        run
+        from 1 on, 0 on the moves between runs. A recording that keeps it is cut there.
     """
     columns: dict[str, FloatArray | IntArray] = {"t": design.t}
     if design.runs:
@@ -36,6 +44,11 @@ def design_table(design: Design) -> pa.Table:
 
 def write_design(design: Design, path: Path) -> None:
     """Write the trajectory to a file: t in s, positions in rad or m and their derivatives, row by row.
+
+    Parameters
+    ----------
+    design : Design
+    path : Path
 
     Raises
     ------
@@ -56,7 +69,16 @@ def write_design(design: Design, path: Path) -> None:
 
 
 def trajectory_document(design: Design) -> dict[str, object]:
-    """The trajectory as JSON: t, and q, dq, ddq as [sample][joint]."""
+    """Return the trajectory as JSON: t, and q, dq, ddq as [sample][joint].
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    dict
+    """
     return {
         "joints": list(design.joint_names),
         "sampling_rate": design.sampling_rate,
@@ -68,7 +90,17 @@ def trajectory_document(design: Design) -> dict[str, object]:
 
 
 def design_document(design: Design) -> dict[str, object]:
-    """What a design achieves, as JSON. Numbers that are infinite (W without full rank) are null."""
+    """Return what a design achieves, as JSON.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    dict
+        Infinite numbers (W without full rank) are None.
+    """
     baseline = design.baseline
     return {
         "criterion_values": _values(design.criterion_values),
@@ -87,10 +119,12 @@ def design_document(design: Design) -> dict[str, object]:
         "parameters": list(design.parameter_names),
         "expected_parameters": [
             {
-                **asdict(one),
-                "standard_deviation": None if one.standard_deviation is None else _finite(one.standard_deviation),
+                **asdict(parameter),
+                "standard_deviation": None
+                if parameter.standard_deviation is None
+                else _finite(parameter.standard_deviation),
             }
-            for one in design.expected
+            for parameter in design.expected
         ],
         "runs": [asdict(run) for run in design.runs],
         "notes": list(design.notes),

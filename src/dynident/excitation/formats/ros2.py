@@ -15,9 +15,17 @@ _NANOSECONDS = 1_000_000_000
 def joint_trajectory(
     joint_names: Sequence[str], t: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray
 ) -> Iterator[str]:
-    """The lines of the message: t (m,) in s from the start, q, dq, ddq (m, n) in rad and m.
+    """Yield the lines of the message.
 
     The header's stamp is zero: the controller begins as soon as it has the message.
+
+    Parameters
+    ----------
+    joint_names : sequence of str
+    t : (m,)
+        Times from the start, s.
+    q, dq, ddq : (m, n)
+        rad and m.
     """
     yield "header:\n  stamp: {sec: 0, nanosec: 0}\n  frame_id: ''\n"
     yield f"joint_names: [{', '.join(json.dumps(name) for name in joint_names)}]\n"

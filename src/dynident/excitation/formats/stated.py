@@ -1,4 +1,4 @@
-"""What the trajectory of a design can be had as."""
+"""Formats of a design's trajectory."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""W of a motion that is only proposed: its columns, its gradient, and the rows of every identification model."""
+"""W of a proposed motion: its columns, its gradient, and the rows of every identification model."""

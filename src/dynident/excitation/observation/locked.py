@@ -20,32 +20,36 @@ _VELOCITY, _ACCELERATION, _JERK, _SNAP = 2.0, 5.0, 20.0, 80.0
 
 
 def locked_model(model: DesignModel, posture: FloatArray, moving: BoolArray) -> DesignModel:
-    """The model of the arm whose other joints are locked at a posture (n,): fewer parameters, fewer equations.
+    """Return the model of the arm whose other joints are locked at a posture (n,): fewer parameters, fewer equations.
 
-    The base parameters are those that the equations of the moving joints show. The torque of a locked joint is held by
-    its brake or against an unknown stiction: its equations do not count.
+    The base parameters are those that the equations of the moving joints determine. The torque of a locked joint is
+    held
+    by its brake or against an unknown stiction: its equations do not count.
 
     Raises
     ------
     DynidentError
-        The moving joints show none of the parameters.
+        The moving joints determine none of the parameters.
     """
     w = _observation(model, posture, moving)
     names = [column.name for column in model.columns]
-    shown = select_base(w[:, moving, : model.n_chosen].reshape(-1, model.n_chosen), tuple(names[: model.n_chosen])).kept
-    if not shown:
+    visible = select_base(
+        w[:, moving, : model.n_chosen].reshape(-1, model.n_chosen), tuple(names[: model.n_chosen])
+    ).kept
+    if not visible:
         raise DynidentError(
             "the joints that move show none of the parameters; choose other joints or effects",
             pointer="/trajectory/joints",
         )
-    order = [*shown, *(k for k in range(len(names)) if k not in shown)]
+    # The parameters to identify come first, so that base selection keeps them before those that only predict torque.
+    order = [*visible, *(k for k in range(len(names)) if k not in visible)]
     base = select_base(w[:, :, order].reshape(-1, len(order)), tuple(names[k] for k in order))
     columns = tuple(model.columns[k] for k in order)
-    return replace(model, columns=columns, n_chosen=len(shown), base=base, counted=moving)
+    return replace(model, columns=columns, n_chosen=len(visible), base=base, counted=moving)
 
 
 def locked_note(names: Sequence[str], moving: BoolArray) -> str:
-    """What is locked, for the notes."""
+    """Return the note that names the locked joints."""
     still = [name for name, moves in zip(names, moving, strict=True) if not moves]
     return (
         f"Locked at home: {listed(still)}. W has the equations of the joints that move, and the parameters that these "
@@ -54,7 +58,7 @@ def locked_note(names: Sequence[str], moving: BoolArray) -> str:
 
 
 def _observation(model: DesignModel, posture: FloatArray, moving: BoolArray) -> FloatArray:
-    """W (m, n, c) of all columns at random states of the moving joints."""
+    """Return W (m, n, c) of all columns at random states of the moving joints."""
     rng = np.random.default_rng(0)
     robot = model.robot
     m = _STATES_PER_COLUMN * len(model.columns) + 20

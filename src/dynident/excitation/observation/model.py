@@ -1,4 +1,4 @@
-"""The observation matrix that a design is judged by: chosen effects on a robot, as far as a motion determines them."""
+"""Observation matrix of a design: the columns of chosen effects on a robot, as far as a motion determines them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.robot.pointers import listed
 
 JUMP_TIME = 0.02
-"""Seconds over which what jumps in a column is spread: a filter does the same to data."""
+"""Time over which jumps in a column are spread, s: filtering does the same to data."""
 
 # Inertial parameters of a link where a load torque is needed and the description gives none: 3 kg, 10 cm off.
 _PLAUSIBLE_LINK = (0.05, 0.0, 0.0, 0.05, 0.0, 0.05, 0.1, 0.1, 0.1, 3.0)
@@ -33,10 +33,24 @@ _PLAUSIBLE_LINK = (0.05, 0.0, 0.0, 0.05, 0.0, 0.05, 0.1, 0.1, 0.1, 3.0)
 class DesignModel:
     """Base parameters of the chosen effects, and the columns of W that belong to them.
 
-    `choices` are the effects that `columns` are made of: the `n_chosen` columns of the effects chosen first, then the
-    links' inertial ones where they are not among them, since they predict the torque. `base` is chosen from all of
-    them. `reference` are standard inertial parameters for effects that depend on the load, and behind them
-    what else predicted torque is made of, zero. Equations of joints that `counted` (n,) leaves out tell nothing.
+    Parameters
+    ----------
+    robot : Robot
+    choices : tuple of EffectChoice
+        Effects that `columns` are made of.
+    signals : Signals
+    columns : tuple of Column
+        The `n_chosen` columns of the chosen effects, followed by the links' inertial ones where they are not among
+        them, since they predict the torque.
+    n_chosen : int
+    base : BaseParameters
+        Selected from all columns.
+    reference : ReferenceParameters
+        Inertial parameters for effects that depend on the load, followed by zeros for all else that torque is predicted
+        from.
+    notes : tuple of str
+    counted : (n,)
+        Which joints' equations count; the others tell nothing.
     """
 
     robot: Robot
@@ -66,7 +80,7 @@ class DesignModel:
 
     @cached_property
     def nominal(self) -> FloatArray:
-        """Values of all base parameters as the description's inertias give them; zero for other effects, or (b,) 0."""
+        """Values (b,) of all base parameters by the description's inertias; zero where these say nothing."""
         if self.robot.inertias is None:
             return np.zeros(self.base.count)
         standard = np.zeros(len(self.columns))
@@ -88,7 +102,7 @@ class DesignModel:
         return self.observation.n_memory > 0
 
     def memory_along(self, q: FloatArray, *, periodic: bool = False) -> FloatArray:
-        """Hysteresis states (m, number of them) along a path q (m, n) from rest, or along one period of many."""
+        """Return hysteresis states (m, number of them) along a path q (m, n) from rest, or along one period of many."""
         return PathMemory(self.observation.memory).along(q, periodic=periodic)
 
     def observe(
@@ -102,9 +116,16 @@ class DesignModel:
         memory: FloatArray | None = None,
         runs: FloatArray | None = None,
     ) -> FloatArray:
-        """W (m n, b) at m samples, dense; q and its derivatives (m, n), and the hysteresis states if there are any.
+        """Return W (m n, b) at m samples, dense.
 
-        `runs` (m, number of run signals): 1 where a sample is in a signal's runs, which it is where they are left out.
+        Parameters
+        ----------
+        q, dq, ddq, dddq, ddddq : (m, n)
+            Position and its derivatives.
+        memory : (m, k), optional
+            Hysteresis states; zero where left out.
+        runs : (m, number of run signals), optional
+            1 where a sample is in a signal's runs; in all of them where left out.
         """
         observation = self.observation
         states = np.zeros((len(q), observation.n_memory)) if memory is None else memory
@@ -123,17 +144,17 @@ class DesignModel:
         w[:, ~self.counted] = 0.0
         return w.reshape(-1, observation.n_columns)
 
-    def observe_along(self, motion: Motion, taken: IndexArray, runs: FloatArray | None = None) -> FloatArray:
-        """W (m n, b) at the samples `taken` (m,) of a motion that begins at rest; `runs` as for `observe`."""
+    def observe_along(self, motion: Motion, samples: IndexArray, runs: FloatArray | None = None) -> FloatArray:
+        """Return W (m n, b) at the indices `samples` (m,) of a motion that begins at rest; `runs` as for `observe`."""
         step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else 1.0
         snap = np.gradient(motion.dddq, step, axis=0) if len(motion.t) > 1 else np.zeros_like(motion.dddq)
         return self.observe(
-            motion.q[taken],
-            motion.dq[taken],
-            motion.ddq[taken],
-            dddq=motion.dddq[taken],
-            ddddq=snap[taken],
-            memory=self.memory_along(motion.q)[taken],
+            motion.q[samples],
+            motion.dq[samples],
+            motion.ddq[samples],
+            dddq=motion.dddq[samples],
+            ddddq=snap[samples],
+            memory=self.memory_along(motion.q)[samples],
             runs=runs,
         )
 
@@ -146,7 +167,13 @@ class DesignModel:
         return Program([signals.q, signals.dq, signals.ddq], ca.densify(torque))
 
     def torque(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        """Torque (m, n) of the description's inertias at q, q̇, q̈ (m, n); `DynidentError` where it has none."""
+        """Return the torque (m, n) of the description's inertias at q, q̇, q̈ (m, n).
+
+        Raises
+        ------
+        DynidentError
+            The description has no inertias.
+        """
         return self._torque_program(q, dq, ddq)
 
 
@@ -160,12 +187,25 @@ def design_model(
 ) -> DesignModel:
     """Set up the observation matrix of a design.
 
-    `signals` may be those of another model of the robot, whose mechanics need not be derived again; `reference` has the
-    parameters that torque is predicted with, where better ones than the description's are known.
-
     Columns that need a signal which a trajectory alone does not give (temperature, time) are left out, and a note says
-    so. So are columns of what is in some runs only (a payload), unless there are `other_runs`: it then is in the run
-    that is designed.
+    so. So are columns of effects in some runs only (a payload), unless there are `other_runs`: the effect then acts in
+    the
+    run that is designed.
+
+    Parameters
+    ----------
+    robot : Robot
+    effects : sequence of EffectChoice
+    signals : Signals, optional
+        Those of another model of the robot, whose mechanics need not be derived again.
+    reference : ReferenceParameters, optional
+        Parameters that torque is predicted with, where better ones than the description's are known.
+    other_runs : bool
+        Whether there are earlier runs.
+
+    Returns
+    -------
+    DesignModel
 
     Raises
     ------
@@ -173,43 +213,52 @@ def design_model(
         For an unknown effect, an unfit joint, or where no column is left.
     """
     signals = signals or Signals(robot)
-    offered = columns_of(effects, signals)
+    candidates = columns_of(effects, signals)
     known_symbols = _given_by_a_trajectory(signals, other_runs=other_runs)
-    chosen = [column for column in offered if _names_in(column.torque) <= known_symbols]
+    chosen = [column for column in candidates if _names_in(column.torque) <= known_symbols]
     notes = []
-    if len(chosen) < len(offered):
-        kept = set(map(id, chosen))
-        left_out = listed(column.name for column in offered if id(column) not in kept)
+    if len(chosen) < len(candidates):
+        chosen_ids = set(map(id, chosen))
+        left_out = listed(column.name for column in candidates if id(column) not in chosen_ids)
         notes.append(f"The criterion leaves out {left_out}: their columns depend on more than a trajectory gives.")
     if not chosen:
         raise DynidentError(
             "no column of W is left to design for; choose effects that depend on the motion alone",
             pointer="/effects",
         )
-    known = ReferenceParameters.of_links(np.tile(np.array(_PLAUSIBLE_LINK), (robot.tree.n, 1)), robot.n)
+    reference_parameters = ReferenceParameters.of_links(np.tile(np.array(_PLAUSIBLE_LINK), (robot.tree.n, 1)), robot.n)
     if reference is not None:
-        known = reference
+        reference_parameters = reference
     elif robot.inertias is not None:
-        known = ReferenceParameters.of_links(robot.inertias, robot.n)
+        reference_parameters = ReferenceParameters.of_links(robot.inertias, robot.n)
     elif any(ca.depends_on(column.torque, signals.reference) for column in chosen):
         notes.append("The load torque is that of links of 3 kg each: the robot's description gives no inertias.")
     choices, columns = tuple(effects), list(chosen)
     if robot.inertias is not None:
         present = {column.name for column in chosen if role_of(column) == "link"}
         links = columns_of([LINKS], signals)
+        # Torque limits need the links' torque also where the links are not identified.
         columns += [column for column in links if column.name not in present]
         choices += (LINKS,)
     base = base_parameters(robot, columns, signals)
     return DesignModel(
-        robot, choices, signals, tuple(columns), len(chosen), base, known, tuple(notes), np.full(robot.n, True)
+        robot,
+        choices,
+        signals,
+        tuple(columns),
+        len(chosen),
+        base,
+        reference_parameters,
+        tuple(notes),
+        np.full(robot.n, True),
     )
 
 
 def _given_by_a_trajectory(signals: Signals, *, other_runs: bool) -> set[str]:
-    """Names of the symbols that a designed trajectory has values for."""
+    """Return the names of the symbols that a designed trajectory has values for."""
     motion = (signals.q, signals.dq, signals.ddq, signals.dddq, signals.ddddq)
-    given = ca.vertcat(*motion, signals.reference, signals.period, signals.memory_symbols)
-    return _names_in(ca.vertcat(given, signals.run_symbols) if other_runs else given)
+    known = ca.vertcat(*motion, signals.reference, signals.period, signals.memory_symbols)
+    return _names_in(ca.vertcat(known, signals.run_symbols) if other_runs else known)
 
 
 def _names_in(expression: ca.SX) -> set[str]:

@@ -1,7 +1,7 @@
-"""Hysteresis states along a sampled path, and the reverse sweep: from ∂/∂z back to ∂/∂q.
+"""Hysteresis states along a sampled path, and the reverse sweep from ∂/∂z back to ∂/∂q.
 
 A state depends on the path alone, z(k) = step(z(k-1), q(k) - q(k-1)), so its gradient is that of a recursion. Where a
-stop operator is at its stop, or a joint turns and forgets what it travelled, the past is lost and the gradient ends
+stop operator is at its stop, or a joint reverses and forgets its path, the past is lost and the gradient ends
 there: it is exact except at the instant at which that happens.
 """
 
@@ -30,17 +30,17 @@ class PathMemory:
         self._slips = np.array([signal.slip for signal in self.signals])
 
     def along(self, q: FloatArray, *, periodic: bool) -> FloatArray:
-        """States (m, k) along q (m, n); of a periodic path those of a later period, when the start is forgotten."""
+        """Return states (m, k) along q (m, n); of a periodic path those of a later period, with the start forgotten."""
         states = MemoryStates(self.signals)
         if periodic:
             states.push(q)
         return states.push(q)
 
     def pull_back(self, q: FloatArray, z: FloatArray, gradient: FloatArray) -> FloatArray:
-        """∂/∂q (m, n) from ∂/∂z (m, k) on a periodic path q (m, n) with the states z (m, k)."""
-        made = np.zeros_like(q)
+        """Return ∂/∂q (m, n) from ∂/∂z (m, k) on a periodic path q (m, n) with the states z (m, k)."""
+        gradient_of_path = np.zeros_like(q)
         if not len(self.signals):
-            return made
+            return gradient_of_path
         passes, follows = self._derivatives(q, z)
         carried = np.zeros(len(self.signals))
         of_moves = np.empty_like(z)
@@ -50,12 +50,13 @@ class PathMemory:
                 carried = carried + gradient[k]
                 of_moves[k] = carried * follows[k]
                 carried = carried * passes[k]
-        np.add.at(made.T, self._joints, of_moves.T)
-        np.subtract.at(made.T, self._joints, np.roll(of_moves, -1, axis=0).T)
-        return made
+        np.add.at(gradient_of_path.T, self._joints, of_moves.T)
+        # A move is q(k) - q(k-1): each position enters its own move and, with the opposite sign, the next one.
+        np.subtract.at(gradient_of_path.T, self._joints, np.roll(of_moves, -1, axis=0).T)
+        return gradient_of_path
 
     def _derivatives(self, q: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """∂z(k)/∂z(k-1) and ∂z(k)/∂(q(k) - q(k-1)), both (m, k)."""
+        """Return ∂z(k)/∂z(k-1) and ∂z(k)/∂(q(k) - q(k-1)), both (m, k)."""
         path = q[:, self._joints]
         moves = path - np.roll(path, 1, axis=0)
         before, ratio = np.roll(z, 1, axis=0), moves / self._slips

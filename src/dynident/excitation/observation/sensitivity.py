@@ -1,4 +1,4 @@
-"""W at a fixed number of samples, and the reverse sweep: from ∂/∂W back to ∂/∂(q, q̇, q̈)."""
+"""W at a fixed number of samples, and the reverse sweep from ∂/∂W back to ∂/∂(q, q̇, q̈)."""
 
 from __future__ import annotations
 
@@ -44,6 +44,7 @@ class ObservationGradient:
         runs = signals.run_symbols
         entries = ca.substitute(entries, runs, ca.DM.ones(runs.numel())) if runs.numel() else entries
         seeds = ca.SX.sym("seeds", entries.numel())
+        # Reverse mode: one sweep gives the gradient by all states of a sample, however many entries W has.
         swept = ca.densify(ca.jtimes(entries, state, seeds, True))
         self._memory = PathMemory(memory)
         self._state = np.zeros((n_samples, self._n_derivatives * self.n + len(memory)))
@@ -55,7 +56,10 @@ class ObservationGradient:
         self._reverse = Program([state, seeds], swept)
 
     def evaluate(self, *derivatives: FloatArray) -> FloatArray:
-        """W (N, n, c) at q and its derivatives (N, n), as many as the columns need; its memory is reused next time."""
+        """Return W (N, n, c) at q and its derivatives (N, n), as many as the columns need.
+
+        The array is used again by the next call.
+        """
         for part, values in enumerate(derivatives[: self._n_derivatives]):
             self._state[:, part * self.n : (part + 1) * self.n] = values
         if self._memory.signals:
@@ -65,19 +69,19 @@ class ObservationGradient:
         return self._w.reshape(self.n_samples, self.n, self.n_columns)
 
     def pull_back(self, gradient: FloatArray) -> list[FloatArray]:
-        """∂/∂q, ∂/∂q̇, ∂/∂q̈, … (N, n) from ∂/∂W (N, n, c), at the states of the last `evaluate`."""
+        """Return ∂/∂q, ∂/∂q̇, ∂/∂q̈, … (N, n) from ∂/∂W (N, n, c), at the states of the last `evaluate`."""
         np.take(gradient.reshape(self.n_samples, -1), self._places, axis=1, out=self._seeds)
         self._reverse(self._state, self._seeds, out=self._swept)
         n = self.n
         end = self._n_derivatives * n
-        made = [self._swept[:, part * n : (part + 1) * n] for part in range(self._n_derivatives)]
+        gradients = [self._swept[:, part * n : (part + 1) * n] for part in range(self._n_derivatives)]
         if self._memory.signals:
             of_path = self._memory.pull_back(self._state[:, :n], self._state[:, end:], self._swept[:, end:])
-            made[0] = made[0] + of_path
-        return made
+            gradients[0] = gradients[0] + of_path
+        return gradients
 
 
 def _same_columns(model: DesignModel, signals: Signals) -> list[Column]:
-    """The model's kept columns, made anew from other symbols."""
-    made = {column.key: column for column in columns_of(model.choices, signals)}
-    return [made[column.key] for column in model.kept]
+    """Return the model's base columns, made from other symbols."""
+    by_key = {column.key: column for column in columns_of(model.choices, signals)}
+    return [by_key[column.key] for column in model.kept]

@@ -1,1 +1,1 @@
-"""The search for the best periodic trajectory: random ones, then the best of them improved."""
+"""Search for the best periodic trajectory: random candidates, then improvement of the best of them."""

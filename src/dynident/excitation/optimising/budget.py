@@ -1,4 +1,4 @@
-"""How long, and how often, a search may try."""
+"""Budget of a search: time and number of starts."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import time
 
 
 class Budget:
-    """How long, and how often, an optimisation may try.
+    """Limits of an optimisation's time and number of starts.
 
     Parameters
     ----------
     starts : int, optional
-        At most so many starts.
+        Largest number of starts.
     seconds : float, optional
-        At most so long, counted from now.
+        Longest time, counted from now.
     """
 
     def __init__(self, starts: int | None, seconds: float | None) -> None:
@@ -22,16 +22,16 @@ class Budget:
 
     @property
     def taken(self) -> float:
-        """Seconds that have passed, those before it was stopped included."""
+        """Seconds that have passed, those before an interruption included."""
         return time.monotonic() - self._began
 
     def go_on_after(self, seconds: float) -> None:
-        """Count the time that was taken before the search was stopped."""
+        """Count the time that passed before the search was interrupted."""
         self._began -= seconds
 
     @property
     def share_spent(self) -> float:
-        """Share of the time that has passed; 0 where time does not matter."""
+        """Share of the time that has passed; 0 where time is not limited."""
         return 0.0 if self.seconds is None else (time.monotonic() - self._began) / self.seconds
 
     @property
@@ -40,7 +40,7 @@ class Budget:
         return self.share_spent >= 1.0
 
     def fraction(self, starts: float) -> float:
-        """Share of the budget used when so many starts are done, parts of them included."""
+        """Return the share of the budget used when so many starts are done, parts of them included."""
         shares = [] if self.starts is None else [starts / self.starts]
         if self.seconds is not None:
             shares.append(self.share_spent)

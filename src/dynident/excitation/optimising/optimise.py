@@ -1,8 +1,8 @@
 """Optimised periodic trajectories: augmented Lagrangian and L-BFGS with exact gradients, from several starts.
 
-A third of a start's iterations bring it most of the way and tell what it is worth. Starts are therefore tried in heats:
-all of a heat go that far, then they are finished in the order of what they have reached. As many are worked on at a
-time as there are processors, by threads: a start knows nothing of the others, so it reaches the same.
+A third of a start's iterations bring it most of the way and show what it is worth. Starts are therefore processed in
+heats: all of a heat go that far, then they are finished in the order of what they have reached. As many run at a
+time as there are processors, in threads: starts are independent, so the number of threads does not change the result.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ _ENOUGH_PROGRESS = 0.3
 """The worst excess must fall to this share of the last one, or the penalty grows."""
 _ITERATIONS = (40, 30, 30, 30, 30, 30)
 _SKETCH = 2
-"""Rounds after which a start shows what it is worth."""
+"""Number of rounds after which a start shows what it is worth."""
 _HEAT = 4
 _SMALL_EXCESS = 2e-3
-"""Within what the margin between samples leaves: shrinking takes the rest."""
+"""Excess that is within the margin left between samples: scaling the amplitude removes the rest."""
 _SETTLED = 2e-3
 _CORRECTIONS = 20
 _NUMBERS = ("rounds", "iterations", "finished", "counted", "_worst", "_before")
@@ -42,7 +42,7 @@ _NUMBERS = ("rounds", "iterations", "finished", "counted", "_worst", "_before")
 
 @dataclass(frozen=True)
 class Course:
-    """Where a search comes from, if it was stopped, and where it keeps how far it is."""
+    """Checkpoint that a stopped search continues from, and where it keeps new ones."""
 
     checkpoints: Checkpoints = field(default_factory=NoCheckpoints)
     before: Reached | None = None
@@ -50,7 +50,7 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Optimisation:
-    """The best candidate found, how many starts were completed, and whether the time ran out."""
+    """The best candidate, how many starts were completed, and whether the time ran out."""
 
     best: Candidate
     starts: int
@@ -68,8 +68,9 @@ def optimise(
 ) -> Optimisation:
     """Improve random candidates, best first, until the budget is spent.
 
-    What is returned keeps the limits on a fine grid and is never worse than the best candidate. A start that the
-    budget cuts short still counts with what it has reached; one that was stopped from outside goes on from `course`.
+    The result keeps the limits on a fine grid and is never worse than the best candidate. A start that the
+    budget cuts short still counts with what it has reached; a search that was stopped from outside continues from
+    `course`.
     """
     *_, last = search(problem, shrinking, judge, candidates, budget, progress, course)
     return last
@@ -84,48 +85,57 @@ def search(
     progress: Progress,
     course: Course = Course(),
 ) -> Iterator[Optimisation]:
-    """The same step by step: what there is at first, after every sketch of a start and after its end."""
+    """Do the same as `optimise` step by step.
+
+    Yields
+    ------
+    Optimisation
+        At first, after every sketch of a start, and after its end.
+    """
     before = course.before
-    found = Optimisation(candidates[0], 0, budget.spent)
+    best_so_far = Optimisation(candidates[0], 0, budget.spent)
     if before is not None:
-        found = Optimisation(Candidate(before.best, judge.values(before.best)), before.completed, budget.spent)
-    yield found
-    wanted = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
+        best_so_far = Optimisation(Candidate(before.best, judge.values(before.best)), before.completed, budget.spent)
+    yield best_so_far
+    start_count = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
     problems = [problem]
-    for first in range(0 if before is None else before.first, wanted, _HEAT):
-        heat = [_Start(problem, k, candidates[k].x) for k in range(first, min(first + _HEAT, wanted))]
+    for first in range(0 if before is None else before.first, start_count, _HEAT):
+        heat = [_Start(problem, k, candidates[k].x) for k in range(first, min(first + _HEAT, start_count))]
         worth: dict[int, float] = {}
         if before is not None and before.first == first:
             for start, reached_before in zip(heat, before.starts, strict=False):
                 start.go_on_from(reached_before)
         for rounds in (_SKETCH, len(_ITERATIONS)):
-            ordered = sorted(heat, key=lambda one: worth.get(one.number, 0.0))
-            left = [one for one in ordered if not one.counted and one.rounds <= rounds]  # else done before it stopped
-            while left:
+            ordered = sorted(heat, key=lambda start: worth.get(start.number, 0.0))
+            waiting = [
+                start for start in ordered if not start.counted and start.rounds <= rounds
+            ]  # else done before it stopped
+            while waiting:
                 if budget.spent:
                     return
-                together, left = left[: processors()], left[processors() :]
+                together, waiting = waiting[: processors()], waiting[processors() :]
                 problems += [problem.apart() for _ in together[len(problems) :]]
                 for start, own in zip(together, problems, strict=False):
                     start.problem = own
-                telling = _Telling(candidates, found, first, heat, budget, progress, course.checkpoints)
+                telling = _Telling(candidates, best_so_far, first, heat, budget, progress, course.checkpoints)
                 _advance(together, rounds, telling)
                 for start in together:
                     reached = _within_limits(start.x, shrinking, judge)
+                    # A start that cannot be brought within the limits is continued last.
                     worth[start.number] = np.inf if reached is None else reached.values.criterion
-                    found = _with(found, reached, start.finished, budget)
+                    best_so_far = _with(best_so_far, reached, start.finished, budget)
                     start.counted = start.finished
-                    yield found
+                    yield best_so_far
                 if any(start.counted for start in together):
-                    course.checkpoints.keep(partial(_reached, candidates, found, first, heat, budget))
+                    course.checkpoints.keep(partial(_reached, candidates, best_so_far, first, heat, budget))
 
 
 def _advance(starts: Sequence[_Start], rounds: int, telling: _Telling) -> None:
-    """Bring starts so many rounds far, side by side, as far as the time allows."""
+    """Bring starts so many rounds far, in parallel, as far as the time allows."""
 
-    def advance(start: _Start, told: Progress) -> None:
+    def advance(start: _Start, report: Progress) -> None:
         while start.rounds < rounds and not start.finished and not telling.budget.spent:
-            start.advance(telling.budget, lambda at: told(0.0, telling.message(start, at)))
+            start.advance(telling.budget, lambda at: report(0.0, telling.message(start, at)))
             telling.keep(start)
 
     side_by_side(advance, starts, [WORTH] * len(starts), telling)
@@ -133,7 +143,7 @@ def _advance(starts: Sequence[_Start], rounds: int, telling: _Telling) -> None:
 
 @dataclass(eq=False)
 class _Telling:
-    """Says how far a heat is, in the thread that began the search, and keeps it after every round of a start."""
+    """Reports the progress of a heat in the thread that began the search, and keeps a checkpoint after every round."""
 
     candidates: Sequence[Candidate]
     found: Optimisation
@@ -145,7 +155,7 @@ class _Telling:
     _one: Lock = field(default_factory=Lock)
 
     def message(self, start: _Start, at: Evaluation) -> str:
-        """What is said of an iteration of a start."""
+        """Return the message for an iteration of a start."""
         return (
             f"start {start.number + 1}, iteration {start.iterations}: criterion {np.exp(at.criterion):.4g}, "
             f"tightest limit at {100 * (1 + at.worst):.0f} %; best within the limits "
@@ -153,23 +163,23 @@ class _Telling:
         )
 
     def __call__(self, _: float, message: str) -> None:
-        """Tell it, with how far the whole search is; raises what stops the search."""
+        """Report a message with the progress of the whole search; raise what stops the search."""
         if message:
-            self.progress(self.budget.fraction(self.first + sum(one.share_done for one in self.heat)), message)
+            self.progress(self.budget.fraction(self.first + sum(start.share_done for start in self.heat)), message)
 
     def keep(self, start: _Start) -> None:
-        """Keep a checkpoint after a round of a start, whose thread this is, if it is time."""
+        """Keep a checkpoint after a round of a start, in the thread of that start, if it is time."""
         with self._one:
             start.settle()
             self.checkpoints.keep(partial(_reached, self.candidates, self.found, self.first, self.heat, self.budget))
 
 
 def _reached(
-    candidates: Sequence[Candidate], found: Optimisation, first: int, heat: Sequence[_Start], budget: Budget
+    candidates: Sequence[Candidate], best_so_far: Optimisation, first: int, heat: Sequence[_Start], budget: Budget
 ) -> bytes:
-    drawn = np.array([one.x for one in candidates])
+    drawn = np.array([candidate.x for candidate in candidates])
     starts = tuple(start.reached() for start in heat)
-    return Reached(budget.taken, drawn, found.best.x, first, found.starts, starts).to_bytes()
+    return Reached(budget.taken, drawn, best_so_far.best.x, first, best_so_far.starts, starts).to_bytes()
 
 
 def _within_limits(x: FloatArray, shrinking: Shrinking, judge: Judge) -> Candidate | None:
@@ -177,15 +187,15 @@ def _within_limits(x: FloatArray, shrinking: Shrinking, judge: Judge) -> Candida
     return None if fitting is None else Candidate(fitting, judge.values(fitting))
 
 
-def _with(found: Optimisation, reached: Candidate | None, finished: bool, budget: Budget) -> Optimisation:
-    better = reached is not None and reached.values.criterion < found.best.values.criterion
-    best = reached if reached is not None and better else found.best
-    return Optimisation(best, found.starts + finished, budget.spent)
+def _with(best_so_far: Optimisation, reached: Candidate | None, finished: bool, budget: Budget) -> Optimisation:
+    better = reached is not None and reached.values.criterion < best_so_far.best.values.criterion
+    best = reached if reached is not None and better else best_so_far.best
+    return Optimisation(best, best_so_far.starts + finished, budget.spent)
 
 
 @dataclass(eq=False)
 class _Start:
-    """One run of the augmented Lagrangian, from coefficients x (m, n) on, some rounds at a time."""
+    """One run of the augmented Lagrangian from coefficients x (m, n), some rounds at a time."""
 
     problem: DesignProblem
     number: int
@@ -205,22 +215,22 @@ class _Start:
 
     @property
     def share_done(self) -> float:
-        """Rounds that are done, of those that it may take."""
+        """Share of the rounds that are done."""
         return 1.0 if self.finished else self.rounds / len(_ITERATIONS)
 
     def reached(self) -> StartReached:
-        """How far it had come when its last round was over; another thread may be in the midst of the next."""
+        """Return the state at the end of the last round; another thread may be in the middle of the next one."""
         return replace(self._reached, numbers={**self._reached.numbers, "counted": float(self.counted)})
 
     def settle(self) -> None:
-        """A round is over: this is how far it has come, until the next one is."""
+        """Record the state at the end of a round."""
         numbers = {name: float(getattr(self, name)) for name in _NUMBERS}
         multipliers = self._multipliers
         arrays = {"x": self.x, "values": multipliers.values, "crowding": multipliers.crowding}
         self._reached = StartReached({**numbers, "penalty": multipliers.penalty}, arrays)
 
     def go_on_from(self, before: StartReached) -> None:
-        """Go on from where it was."""
+        """Continue from a recorded state."""
         for name in _NUMBERS:
             setattr(self, name, type(getattr(self, name))(before.numbers[name]))
         arrays = before.arrays
@@ -250,9 +260,12 @@ class _Start:
         at = self.problem.evaluate(result.x, self._multipliers)
         if budget.spent:
             return
+        # A round that the budget cut short does not count: its multipliers would be those of an unfinished descent.
         self.rounds += 1
         settled = abs(self._before - at.criterion) < _SETTLED
         self.finished = bool(self.rounds == len(_ITERATIONS) or (at.worst < _SMALL_EXCESS and settled))
+        # The multipliers alone bring the excess down in well-scaled problems. Only where they do not, the penalty
+        # grows, as a large one makes the problem ill-conditioned.
         enough = at.worst < _ENOUGH_PROGRESS * self._worst
         self._multipliers = self._multipliers.raised(
             at, self._multipliers.penalty * (1.0 if enough else _PENALTY_GROWTH)

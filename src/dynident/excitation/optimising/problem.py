@@ -1,4 +1,4 @@
-"""The optimisation problem of a design: criterion and limits as one smooth function of the coefficients."""
+"""Optimisation problem of a design: criterion and limits as one smooth function of the coefficients."""
 
 from __future__ import annotations
 
@@ -18,14 +18,20 @@ from dynident.motion.trajectories.family import Family
 # Between the samples a motion swings out a little further than on them.
 _SHARE_OF_LIMITS = 0.99
 ROOM_UNIT = 0.5
-"""m: a lack of room of so much weighs as much as a limit that is broken twofold."""
+"""Missing clearance, m, that weighs as much as a limit that is exceeded twofold."""
 
 
 @dataclass(frozen=True, eq=False)
 class Multipliers:
-    """Of the augmented Lagrangian, and the penalty's weight.
+    """Multipliers of the augmented Lagrangian, and the penalty's weight.
 
-    `values` (6, N, n) is one for each limit and sample, `crowding` (N, K) for each distance that is kept.
+    Parameters
+    ----------
+    values : (6, N, n)
+        One for each limit and sample.
+    crowding : (N, K)
+        One for each distance that is kept.
+    penalty : float
     """
 
     values: FloatArray
@@ -33,7 +39,7 @@ class Multipliers:
     penalty: float
 
     def raised(self, at: Evaluation, penalty: float) -> Multipliers:
-        """Those of the next round, after an evaluation at the end of this one."""
+        """Return those of the next round, after an evaluation at the end of this one."""
         return Multipliers(
             np.maximum(0.0, self.values + self.penalty * at.excess),
             np.maximum(0.0, self.crowding + self.penalty * at.crowding),
@@ -43,10 +49,19 @@ class Multipliers:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """At one x: the augmented Lagrangian and its gradient (m n,), the criterion, the limits' excess (6, N, n).
+    """The augmented Lagrangian at one x, and its parts.
 
-    An excess of 0 touches a limit, above 0 breaks it: |value| / bound - 1. The `crowding` (N, K) tells the same of the
-    distances that are kept, in units of `ROOM_UNIT`.
+    An excess of 0 touches a limit, above 0 breaks it: |value| / bound - 1.
+
+    Parameters
+    ----------
+    lagrangian : float
+    gradient : (m n,)
+    criterion : float
+    excess : (6, N, n)
+        Of the limits.
+    crowding : (N, K)
+        Excess of the distances that are kept, in units of `ROOM_UNIT`.
     """
 
     lagrangian: float
@@ -108,22 +123,23 @@ class DesignProblem:
         self._per_room = 1.0 / (_SHARE_OF_LIMITS * room[:, None, :])
 
     def apart(self) -> DesignProblem:
-        """The same for another thread: evaluations of one use the same memory."""
+        """Return a copy for another thread: evaluations of one problem use the same memory."""
         return DesignProblem(self.family, self._model, self._criterion, self.bounds, self._rows_of)
 
     def no_multipliers(self, penalty: float) -> Multipliers:
-        """Where the augmented Lagrangian begins."""
+        """Return zero multipliers, where the augmented Lagrangian begins."""
         count = 0 if self._rooms is None else self._rooms.count
         return Multipliers(np.zeros((6, self.n_samples, self.n)), np.zeros((self.n_samples, count)), penalty)
 
     def evaluate(self, flat: FloatArray, multipliers: Multipliers) -> Evaluation:
-        """The augmented Lagrangian at coefficients (m n,), exact gradient included.
+        """Return the augmented Lagrangian at coefficients (m n,), exact gradient included.
 
         F(W(x)) + 1/(2 μ) Σ max(0, λ + μ c(x))² - λ² with c the excess (Rockafellar 1973).
         """
         x = flat.reshape(self.family.n_coefficients, self.n)
         q, dq, ddq, dddq, ddddq = self._basis @ x
         w = self._rows.evaluate(q, dq, ddq, dddq, ddddq)
+        # Torque is linear in the same base parameters, so that one evaluation of W serves criterion and torque limits.
         torque = w @ self._nominal
         b = self._n_parameters
         scale = 1.0 / np.sqrt(self.n_samples)
@@ -136,6 +152,7 @@ class DesignProblem:
         crowding, of_crowding, of_posture = self._crowding(q, multipliers)
         penalty = float(np.sum(active**2) - np.sum(multipliers.values**2)) / (2 * multipliers.penalty) + of_crowding
         of_signals = active * np.sign(shares) * self._per_room
+        # Power is torque times velocity: its share of the gradient goes to both by the product rule.
         of_torque = of_signals[4] + of_signals[5] * dq
         of_w = of_torque[:, :, None] * self._nominal
         of_w[:, :, :b] += self._of_counted(of_chosen)
@@ -148,11 +165,11 @@ class DesignProblem:
         return Evaluation(criterion + penalty, gradient.ravel(), criterion, excess, crowding)
 
     def _of_counted(self, rows: FloatArray) -> FloatArray:
-        """(N, n, b): rows of joints that do not count are zero."""
+        """Return the rows (N, n, b) with those of joints that do not count set to zero."""
         return rows if self._counted is None else rows * self._counted
 
     def _crowding(self, q: FloatArray, multipliers: Multipliers) -> tuple[FloatArray, float, FloatArray]:
-        """The crowding (N, K), its part of the augmented Lagrangian, and the gradient of that over q (N, n)."""
+        """Return the crowding (N, K), its part of the augmented Lagrangian, and the gradient of that over q (N, n)."""
         if self._rooms is None:
             return multipliers.crowding, 0.0, np.zeros_like(q)
         rooms = self._rooms.evaluate(q)

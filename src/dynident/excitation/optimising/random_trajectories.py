@@ -1,4 +1,4 @@
-"""Random trajectories inside the limits, and what coefficients are worth: where the optimisation starts."""
+"""Random trajectories inside the limits, and the values of coefficients: where the optimisation starts."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from dynident.progress import Progress, silent
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Coefficients x (m, n) that keep the limits, and what they are worth."""
+    """Coefficients x (m, n) that keep the limits, and their criterion values."""
 
     x: FloatArray
     values: CriterionValues
 
 
 class Judge:
-    """Values of coefficients by the true criteria, on samples of one period."""
+    """Criterion values of coefficients, without smoothing, on samples of one period."""
 
     def __init__(
         self,
@@ -46,20 +46,20 @@ class Judge:
         self.row_model = row_model(rows, self.n_samples, family.period, family.highest_frequency)
 
     def values(self, x: FloatArray) -> CriterionValues:
-        """What coefficients (m, n) are worth."""
+        """Return the criterion values of coefficients (m, n)."""
         return self._yardstick.values(self.row_model.rows(self.observe(x), self.velocity(x)), self.n_samples)
 
     def observe(self, x: FloatArray) -> FloatArray:
-        """W (N, n, b) of the dynamic model, of coefficients (m, n)."""
+        """Return W (N, n, b) of the dynamic model for coefficients (m, n)."""
         q, dq, ddq, dddq, ddddq = self._basis @ x
         memory = self._model.memory_along(q, periodic=True)
         w = self._model.observe(q, dq, ddq, dddq=dddq, ddddq=ddddq, memory=memory)
         return w.reshape(*q.shape, -1)
 
     def velocity(self, x: FloatArray) -> FloatArray:
-        """q̇ (N, n) of coefficients (m, n)."""
-        made: FloatArray = self._basis[1] @ x
-        return made
+        """Return q̇ (N, n) for coefficients (m, n)."""
+        velocity: FloatArray = self._basis[1] @ x
+        return velocity
 
 
 def random_candidates(
@@ -73,7 +73,7 @@ def random_candidates(
     progress: Progress = silent,
     enough: Callable[[], bool] = lambda: False,
 ) -> list[Candidate]:
-    """Random trajectories of the family, each joint scaled into its limits, best first.
+    """Return random trajectories of the family, each joint scaled into its limits, best first.
 
     `count` of them, or fewer where `enough` says so once there is one.
 
@@ -86,23 +86,24 @@ def random_candidates(
     postures = holdable_postures(bounds, model, rng)
     shrinking = Shrinking(family, bounds, model, fine=False)
     basis = family.basis(np.arange(judge.n_samples) * family.period / judge.n_samples)[:4, :, 1:]
-    found: list[Candidate] = []
+    candidates: list[Candidate] = []
     for index in range(count):
-        if found and enough():
+        if candidates and enough():
             break
         progress(index / count, f"random trajectory {index + 1} of {count}")
         x = np.empty((family.n_coefficients, model.robot.n))
         x[0] = postures[rng.integers(len(postures))]
         x[1:] = rng.standard_normal((family.n_coefficients - 1, model.robot.n))
+        # Each joint fills its own limits first; then one factor for all brings torque and clearances within theirs.
         x[1:] *= _largest_scale(basis @ x[1:], x[0], bounds)
         fitting = shrinking.shrink(x)
         if fitting is not None:
-            found.append(Candidate(fitting, judge.values(fitting)))
-    return sorted(found, key=lambda candidate: candidate.values.criterion)
+            candidates.append(Candidate(fitting, judge.values(fitting)))
+    return sorted(candidates, key=lambda candidate: candidate.values.criterion)
 
 
 def _largest_scale(motion: FloatArray, centre: FloatArray, bounds: Bounds) -> FloatArray:
-    """Per joint (n,), the amplitude of motion (4, N, n) about its centre that fills the limits on q to the jerk."""
+    """Return the amplitude per joint (n,) of motion (4, N, n) about its centre that fills the limits on q … jerk."""
     q, dq, ddq, dddq = motion
     scale: FloatArray = np.min(
         [

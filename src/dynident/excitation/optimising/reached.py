@@ -1,4 +1,4 @@
-"""How far a search has come, as bytes: all that it needs to go on as if it had never been stopped."""
+"""Checkpoint of a search, as bytes: all that it needs to continue as if it had never been stopped."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dynident.version import __version__
 
 @dataclass(frozen=True, eq=False)
 class StartReached:
-    """One start: numbers by name and arrays by name, which only the start itself understands."""
+    """State of one start: numbers by name and arrays by name, which only the start itself understands."""
 
     numbers: Mapping[str, float]
     arrays: Mapping[str, FloatArray]
@@ -24,9 +24,22 @@ class StartReached:
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """A search that was stopped: the time it took (s), its random trajectories (k, m, n) and the best found (m, n).
+    """State of a stopped search.
 
-    `starts` are those of the heat that begins with number `first`; `completed` counts all that were.
+    Parameters
+    ----------
+    seconds : float
+        Time that it took.
+    candidates : (k, m, n)
+        Its random trajectories.
+    best : (m, n)
+        The best coefficients so far.
+    first : int
+        Number of the first start of the current heat.
+    completed : int
+        Number of all completed starts.
+    starts : sequence of StartReached
+        Those of the current heat.
     """
 
     seconds: float
@@ -37,40 +50,46 @@ class Reached:
     starts: Sequence[StartReached] = field(default=())
 
     def to_bytes(self) -> bytes:
-        """Write it down."""
-        said = {
+        """Return the state as bytes."""
+        header = {
             "dynident": __version__,
             "seconds": self.seconds,
             "first": self.first,
             "completed": self.completed,
-            "starts": [dict(one.numbers) for one in self.starts],
+            "starts": [dict(start.numbers) for start in self.starts],
         }
         arrays = {"candidates": self.candidates, "best": self.best}
-        for k, one in enumerate(self.starts):
-            arrays |= {f"start{k}.{name}": value for name, value in one.arrays.items()}
+        for k, start in enumerate(self.starts):
+            arrays |= {f"start{k}.{name}": value for name, value in start.arrays.items()}
         with io.BytesIO() as file:
-            np.savez(file, said=np.frombuffer(json.dumps(said).encode(), np.uint8), **arrays)  # type: ignore[arg-type]
+            np.savez(file, said=np.frombuffer(json.dumps(header).encode(), np.uint8), **arrays)  # type: ignore[arg-type]
             return file.getvalue()
 
 
 def reached_of(content: bytes | None) -> Reached | None:
-    """Read what was written down; `None` where there is nothing, or another version wrote it."""
+    """Read a state from bytes; None where there is none, or another version wrote it."""
     if content is None:
         return None
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            said = json.loads(arrays["said"].tobytes())
-            if said["dynident"] != __version__:
+            header = json.loads(arrays["said"].tobytes())
+            # Another version may search differently: continuing would give a result that neither version gives alone.
+            if header["dynident"] != __version__:
                 return None
             starts = []
-            for k, numbers in enumerate(said["starts"]):
+            for k, numbers in enumerate(header["starts"]):
                 of_start = f"start{k}."
                 named = {
                     name.removeprefix(of_start): arrays[name] for name in arrays.files if name.startswith(of_start)
                 }
                 starts.append(StartReached(numbers, named))
             return Reached(
-                said["seconds"], arrays["candidates"], arrays["best"], said["first"], said["completed"], tuple(starts)
+                header["seconds"],
+                arrays["candidates"],
+                arrays["best"],
+                header["first"],
+                header["completed"],
+                tuple(starts),
             )
     except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile):
         return None

@@ -1,4 +1,4 @@
-"""How closely a period is sampled while it is designed, and how much the sign of the velocity is rounded."""
+"""Number of samples of a period during the design, and rounding of the velocity's sign."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ _SHARE_OF_SHAPE = 0.25
 
 
 def samples_of_a_period(model: DesignModel, family: Family) -> int:
-    """Number of samples N of one period that the criterion is computed from."""
+    """Return the number of samples N of one period that the criterion is computed from."""
     close = model.needs_path or bool(_narrow_speeds(model))
     return max(_N_CLOSE_SAMPLES if close else _N_SAMPLES, _SAMPLES_PER_WAVE * family.waves)
 
 
 def smooth_sign(model: DesignModel, bounds: Bounds) -> float:
-    """Velocity (rad/s, m/s) over which sign(q̇) is rounded: small beside the limits and beside friction's peaks."""
+    """Return the velocity (rad/s, m/s) over which sign(q̇) is rounded, small compared to limits and friction peaks."""
     narrow = [_SHARE_OF_SHAPE * speed for speed in _narrow_speeds(model)]
     return min([_SMOOTH_SIGN * float(bounds.velocity.min()), *narrow])
 
 
 def _narrow_speeds(model: DesignModel) -> list[float]:
-    """Shape constants of the model that are a speed near rest."""
+    """Return the shape constants of the model that are a speed near rest."""
     return [
         dict(column.shape)[spec.name]
         for column in model.kept[: model.n_parameters]

@@ -1,1 +1,1 @@
-"""The search for the best sequence of points (§12.3.4.1) that the arm visits, at rest in each."""
+"""Search for the best sequence of points (§12.3.4.1) that the arm visits, at rest in each."""

@@ -1,6 +1,6 @@
-"""The best sequence of points: random ones, then the best of them improved by accepted variations.
+"""Search of point sequences: random ones, then the best of them improved by accepted variations.
 
-The criterion is not smooth in the points: a move's course changes where another joint or limit becomes the slowest.
+The criterion is not smooth in the points: a move's path changes where another joint or limit becomes the slowest.
 A move depends on its two ends alone, so a varied point costs two moves, as in exchange algorithms of optimal design
 (Fedorov 1972); the size of the variations follows the share of those that succeed (Rechenberg's one-fifth rule).
 """
@@ -21,15 +21,15 @@ from dynident.motion.limits.bounds import ImpossibleLimitsError
 from dynident.progress import Progress
 
 _REDRAWN = 20
-"""How often a point may be drawn again."""
+"""Number of times that a point may be drawn again."""
 _FIRST_SIZE, _SMALLEST_SIZE, _LARGEST_SIZE = 0.2, 0.005, 0.5
 _GROWTH = 1.3
-"""Of a success; four failures undo it."""
+"""Growth of the variations after a success; four failures undo it."""
 
 
 @dataclass(frozen=True, eq=False)
 class FoundSequence:
-    """A sequence that keeps the limits, and what it is worth."""
+    """A sequence that keeps the limits, and its criterion values."""
 
     sequence: PointSequence
     values: CriterionValues
@@ -45,34 +45,34 @@ def drawn(
     progress: Progress,
     enough: Callable[[], bool] = lambda: False,
 ) -> list[FoundSequence]:
-    """`count` random sequences that keep the limits, best first; fewer where `enough` says so once there is one.
+    """Return `count` random sequences that keep the limits, best first; fewer where `enough` says so once there is one.
 
     Raises
     ------
     ImpossibleLimitsError
         None of many keeps the limits.
     """
-    found: list[FoundSequence] = []
+    sequences: list[FoundSequence] = []
     for index in range(count):
-        if found and enough():
+        if sequences and enough():
             break
         progress(index / count, f"random sequence {index + 1} of {count}")
         sequence = _drawn_within(space, legs, rng)
         moves = legs.of(sequence)
         if moves is not None:
-            found.append(FoundSequence(sequence, values_of(moves, yardstick)))
-    if not found:
+            sequences.append(FoundSequence(sequence, values_of(moves, yardstick)))
+    if not sequences:
         raise ImpossibleLimitsError(
             f"None of {count} random sequences of moves, each point drawn up to {_REDRAWN} times, keeps the limits of "
             "torque and clearance; raise them, or let fewer points do.",
             pointer="/limits",
             title="Impossible limits",
         )
-    return sorted(found, key=lambda one: one.values.criterion)
+    return sorted(sequences, key=lambda candidate: candidate.values.criterion)
 
 
 def _drawn_within(space: PointSpace, legs: Legs, rng: np.random.Generator) -> PointSequence:
-    """A random sequence, point after point drawn again until the moves keep the limits, or many times."""
+    """Return a random sequence, point after point drawn again until the moves keep the limits, or many times."""
     sequence = space.draw(rng)
     for _ in range(_REDRAWN * len(sequence.points)):
         k = legs.first_broken(sequence)
@@ -93,7 +93,7 @@ def improved(
     budget: Budget,
     progress: Progress,
 ) -> tuple[PointSequence, bool]:
-    """The sequence after so many variations, and whether the time allowed all of them."""
+    """Return the sequence after so many variations, and whether the time allowed all of them."""
     criterion = yardstick.smooth
     moves = legs.of(first)
     assert moves is not None

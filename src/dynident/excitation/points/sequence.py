@@ -1,4 +1,4 @@
-"""Sequences of rest-to-rest moves through intermediate points (§12.3.4.1), and what they are worth."""
+"""Sequences of rest-to-rest moves through intermediate points (§12.3.4.1), and their criterion values."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class PointSequence:
     shares: FloatArray
 
     def slower(self, factor: float) -> PointSequence:
-        """The same points at smaller shares of the limits."""
+        """Return the same points at smaller shares of the limits."""
         return replace(self, shares=factor * self.shares)
 
 
@@ -52,13 +52,13 @@ class Leg:
 class Legs:
     """Plans the moves of sequences within all limits, each of them once.
 
-    Torque and clearance are looked at on few samples: what is chosen in the end is verified closely.
+    Torque and clearance are checked on few samples: the sequence that is chosen in the end is verified closely.
 
     Parameters
     ----------
     bounds : Bounds
     model : DesignModel
-        Its columns must not depend on the path travelled: each move is looked at by itself.
+        Its columns must not depend on the path travelled: each move is evaluated by itself.
     rate : float
         Hz.
     """
@@ -71,23 +71,23 @@ class Legs:
         self._known: dict[bytes, Leg | None] = {}
 
     def counting(self, moving: BoolArray) -> Legs:
-        """The same where only the equations of some joints (n,) count."""
-        made = copy(self)
-        made._counted, made._known = moving[:, None], {}
-        return made
+        """Return the same where only the equations of some joints (n,) count."""
+        legs = copy(self)
+        legs._counted, legs._known = moving[:, None], {}
+        return legs
 
     def of(self, sequence: PointSequence) -> tuple[Leg, ...] | None:
-        """The moves to each point, the one to the first from the last; `None` where one breaks a limit."""
-        found: list[Leg] = []
+        """Return the moves to each point, the one to the first from the last; None where one breaks a limit."""
+        legs: list[Leg] = []
         for k in range(len(sequence.points)):
             leg = self._to(sequence, k)
             if leg is None:
                 return None
-            found.append(leg)
-        return tuple(found)
+            legs.append(leg)
+        return tuple(legs)
 
     def first_broken(self, sequence: PointSequence) -> int | None:
-        """The first point to which no move keeps the limits; `None` where all do."""
+        """Return the first point to which no move keeps the limits; None where all do."""
         ways = range(1, len(sequence.points) + 1)
         return next((k % len(ways) for k in ways if self._to(sequence, k % len(ways)) is None), None)
 
@@ -97,6 +97,7 @@ class Legs:
     def _leg(self, start: FloatArray, end: FloatArray, share: FloatArray) -> Leg | None:
         key = start.tobytes() + end.tobytes() + share.tobytes()
         if key not in self._known:
+            # Variations rarely come back to old moves, so a plain reset bounds the memory well enough.
             if len(self._known) >= _REMEMBERED:
                 self._known.clear()
             self._known[key] = self._planned(start, end, share)
@@ -111,6 +112,7 @@ class Legs:
             piece = plan_move(start, end, slow, self._rate, slowness=_SLOWER**attempt)
             step = piece.duration / _SAMPLES_OF_A_MOVE
             motion = piece.evaluate(step * np.arange(0.5, _SAMPLES_OF_A_MOVE))
+            # Samples lie in the middle of equal intervals: the sum over them is the integral by the midpoint rule.
             w = self._observed.evaluate(motion.q, motion.dq, motion.ddq, motion.dddq, np.zeros_like(motion.q))
             torque = np.abs(w @ self._nominal)
             within = (torque <= limits.torque).all() and (torque * np.abs(motion.dq) <= limits.power).all()
@@ -121,7 +123,7 @@ class Legs:
 
 
 def _is_clear(start: FloatArray, end: FloatArray, space: FreeSpace) -> bool:
-    """Whether a straight way stays clear of everything, at close looks: coarse ones first, which most ways fail."""
+    """Return whether a straight path is clear, by a coarse check first, which most paths fail, and then a close one."""
     way = end - start
     closely = max(_FIRST_LOOKS, int(np.ceil(np.abs(way).max() / _LOOK_EVERY)) + 1)
     return all(
@@ -131,12 +133,12 @@ def _is_clear(start: FloatArray, end: FloatArray, space: FreeSpace) -> bool:
 
 
 def rows_of(legs: Sequence[Leg]) -> FloatArray:
-    """Rows (m n, b) that stand for W / √N of moves one after the other."""
+    """Return rows (m n, b) that stand for W / √N of moves one after the other."""
     total = sum(leg.piece.duration for leg in legs)
-    made: FloatArray = np.concatenate([leg.rows for leg in legs]) / np.sqrt(total)
-    return made
+    rows: FloatArray = np.concatenate([leg.rows for leg in legs]) / np.sqrt(total)
+    return rows
 
 
 def values_of(legs: Sequence[Leg], yardstick: Yardstick) -> CriterionValues:
-    """What moves are worth by the true criteria."""
+    """Return the values of moves by the true criteria."""
     return yardstick.values(rows_of(legs), 1)

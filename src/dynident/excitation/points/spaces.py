@@ -1,4 +1,4 @@
-"""From which sequences of points the best one is searched: what is free, how one is drawn, how it is varied."""
+"""Spaces of point sequences to search in: what is free, how a sequence is drawn, how it is varied."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from dynident.motion.limits.bounds import Bounds
 
 _SMALLEST_SHARE = 0.2
 _FRESH = 0.1
-"""How often a point is drawn anew instead of being moved."""
+"""Probability that a point is drawn again instead of being moved."""
 
 
 class PointSpace(Protocol):
     """Sequences to search in."""
 
     def draw(self, rng: np.random.Generator) -> PointSequence:
-        """Any one of them."""
+        """Return a random sequence."""
 
     def redrawn(self, sequence: PointSequence, k: int, rng: np.random.Generator) -> PointSequence:
-        """Another one, drawn because the move to point k breaks a limit."""
+        """Return another one, drawn because the move to point k breaks a limit."""
 
     def varied(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
-        """A neighbour; `size` in shares of the ranges."""
+        """Return a neighbour; `size` is in shares of the ranges."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,19 +42,22 @@ class FreePoints:
     fastest: float = 1.0
 
     def draw(self, rng: np.random.Generator) -> PointSequence:
-        """Any postures that can be held."""
+        """Return random postures that can be held."""
         points = self.postures[rng.integers(len(self.postures), size=self.count)]
         shares = self.fastest * rng.uniform(_SMALLEST_SHARE, 1.0, (self.count, 2))
         return PointSequence(points, shares)
 
     def redrawn(self, sequence: PointSequence, k: int, rng: np.random.Generator) -> PointSequence:
-        """Another point k, and where it is the first one, that everything begins from, another last one."""
+        """Return a sequence with another point k.
+
+        Everything begins from the first point: instead of it, the last one is drawn again.
+        """
         points = sequence.points.copy()
         points[k if k else -1] = self.postures[rng.integers(len(self.postures))]
         return PointSequence(points, sequence.shares)
 
     def varied(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
-        """Another place for one point, and other shares for the two moves that it belongs to."""
+        """Return a sequence with one point moved, and other shares for the two moves that it belongs to."""
         points, shares = sequence.points.copy(), sequence.shares.copy()
         k = int(rng.integers(self.count))
         if rng.random() < _FRESH:
@@ -83,16 +86,16 @@ class TwoPoints:
     longest: FloatArray
 
     def draw(self, rng: np.random.Generator) -> PointSequence:
-        """Around any posture that can be held."""
+        """Return a sequence around a random posture that can be held."""
         way = rng.uniform(self.shortest, self.longest) * rng.choice([-1.0, 1.0], len(self.shortest))
         return self._around(self.postures[rng.integers(len(self.postures))], way)
 
     def redrawn(self, sequence: PointSequence, k: int, rng: np.random.Generator) -> PointSequence:
-        """Around another posture."""
+        """Return a sequence around another posture."""
         return self.draw(rng)
 
     def varied(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
-        """Around a posture near by, by other distances."""
+        """Return a sequence around a nearby posture, by other distances."""
         middle = sequence.points.mean(axis=0) + size * self.bounds.half_range * rng.standard_normal(len(self.shortest))
         way = sequence.points[1] - sequence.points[0]
         length = np.abs(way) + size * self.longest * rng.standard_normal(len(way))
@@ -106,5 +109,5 @@ class TwoPoints:
 
 
 def _inside(bounds: Bounds, posture: FloatArray) -> FloatArray:
-    """A posture moved inside the position limits."""
+    """Return a posture moved inside the position limits."""
     return np.clip(posture, bounds.position_low, bounds.position_high)

@@ -11,20 +11,26 @@ SETS = SET_KINDS.names
 
 _WRIST = 3
 _POSTURES_OF_A_GROUP = 3
-"""How often a group of joints moves, each time with the others locked elsewhere: links then show from new sides."""
+"""Number of runs of a group of joints, each with the others locked elsewhere, which shows the links from new sides."""
 
 
 @dataclass(frozen=True)
 class Freely:
-    """The moving joints take a trajectory of the family asked for."""
+    """The moving joints follow a trajectory of the requested family."""
 
 
 @dataclass(frozen=True)
 class BetweenTwoPoints:
     """The moving joints go back and forth between two points.
 
-    `short`: of those, the joints that only speed up and slow down again; the `long` ones cruise at full speed, and the
-    rest go a little way meanwhile, so that their friction has a sign.
+    Parameters
+    ----------
+    short : tuple of int
+        Joints that only speed up and slow down again.
+    long : tuple of int
+        Joints that cruise at full speed. The other moving joints go a little way meanwhile, so that their friction has
+        a
+        sign.
     """
 
     short: tuple[int, ...] = ()
@@ -46,7 +52,7 @@ class PlannedRun:
 
 
 def planned_runs(name: str, joint_names: tuple[str, ...]) -> tuple[PlannedRun, ...]:
-    """The runs of a set, in the order in which they are made.
+    """Return the runs of a set, in the order in which they are made.
 
     Raises
     ------
@@ -61,9 +67,11 @@ def planned_runs(name: str, joint_names: tuple[str, ...]) -> tuple[PlannedRun, .
 
 
 def _link_by_link(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
-    """From the terminal link [12.22]-[12.24]: its joint and the two before it, which carry it about other axes.
+    """Return runs from the terminal link inwards [12.22]-[12.24], each of its joint and the two before it.
 
-    The joints beyond are locked: their links are known by then, and move as one with this link.
+    These two carry the link about other axes. The joints beyond are locked: their links are known by then, and move as
+    one
+    with this link.
     """
     return tuple(
         PlannedRun(f"link {j + 1} ({joints[j]})", tuple(range(max(0, j - 2), j + 1)), Freely())
@@ -72,7 +80,7 @@ def _link_by_link(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
 
 
 def _wrist_then_shoulder(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
-    """The last three joints with the arm locked, then the arm with the wrist locked, in several postures (§12.7)."""
+    """Return runs of the last three joints with the arm locked, then of the arm with the wrist locked (§12.7)."""
     n = len(joints)
     if n <= _WRIST:
         raise DynidentError(
@@ -88,7 +96,7 @@ def _wrist_then_shoulder(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
 
 
 def _vandanjon(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
-    """Four phenomena, one after the other [Vandanjon 95]: all of them, combined, make one global system."""
+    """Return runs for four phenomena, one after the other [Vandanjon 95]; together they make one global system."""
     n = len(joints)
     inertia = [PlannedRun(f"inertia, {joints[j]}", (j,), BetweenTwoPoints(short=(j,))) for j in range(n)]
     pairs = [(i, j) for j in range(1, n) for i in (j - 1, j - 2) if i >= 0]

@@ -1,9 +1,9 @@
-"""The motion of one run of a set: searched to add the most to what the runs before it have told.
+"""Search for the motion of one run of a set, which adds the most information to the runs before it.
 
 With locked joints a run shows only some parameters, and no criterion of its W alone would be finite. What counts at
 first is log det of the information of all runs up to this one, D-optimality, beginning with a little information about
-every parameter: a direction that the run cannot show then neither helps nor hurts it. Once all runs are there, each can
-be searched again beside all others by the criterion that was asked for.
+every parameter: a direction that the run cannot show then neither helps nor hurts it. Once all runs exist, each can
+be searched again in the presence of all others by the requested criterion.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from dynident.motion.trajectories.motion import Piece
 from dynident.progress import Progress, part
 
 _KNOWN_BEFORE = 0.02
-"""Standard deviation of what is known of each parameter before, as a share of its column: too little to rule."""
+"""Information about each parameter at the beginning, as a share of its column: too little to matter."""
 _STATES = 200
 _CANDIDATES, _LOCKED_POSTURES = 12, 2
 _VARIATIONS_OF_TWO_POINTS, _VARIATIONS_OF_A_POINT = 60, 20
@@ -49,9 +49,9 @@ _LITTLE_WAY = (0.02, 0.1)
 
 @dataclass(frozen=True, eq=False)
 class FoundRun:
-    """Rounds of a motion that starts and ends at rest in `start` (n,), `duration` s each.
+    """Rounds of a motion that starts and ends at rest in `start` (n,).
 
-    `random` are the informations ∫ WᵀW dt (b, b) that random motions of its kind would have given.
+    `random` is the information ∫ WᵀW dt (b, b) that random motions of its kind would have given.
     """
 
     round: tuple[Piece, ...]
@@ -66,7 +66,7 @@ class FoundRun:
 
 
 class RunSearch:
-    """Searches runs one after the other.
+    """Searches the motions of runs one after the other.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class RunSearch:
         self._legs: Legs | None = None
 
     def nothing_told(self) -> FloatArray:
-        """Information (b, b) to begin with: a little about every parameter."""
+        """Return the information (b, b) to begin with: a little about every parameter."""
         bounds, n = self._task.bounds, len(self._task.bounds.names)
         q = self._postures[self._rng.integers(len(self._postures), size=_STATES)]
         dq = bounds.velocity * self._rng.uniform(-1, 1, (_STATES, n))
@@ -90,43 +90,47 @@ class RunSearch:
         squares = np.einsum("ij,ij->j", w, w) / _STATES
         return np.diag(_KNOWN_BEFORE**2 * np.where(squares > 0, squares, 1.0))
 
-    def first(self, run: PlannedRun, told: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
-        """The motion of a run that adds the most to the information `told` (b, b) by those before.
+    def first(self, run: PlannedRun, information: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
+        """Return the motion of a run that adds the most to the information (b, b) of those before.
 
         Raises
         ------
         ImpossibleLimitsError
             No motion of the kind was found that keeps the limits.
         """
-        b = len(told)
+        b = len(information)
         yardstick = Yardstick(CriterionChoice("d_optimal"), np.ones(b), Deciding.all_of(b))
-        return self._find(run, yardstick, told, budget, progress)
+        return self._find(run, yardstick, information, budget, progress)
 
-    def again(self, run: PlannedRun, told: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
-        """The motion of a run that is the best by the criterion asked for, beside what all others have told (b, b).
+    def again(self, run: PlannedRun, information: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
+        """Return the motion of a run that is the best by the requested criterion.
+
+        `information` (b, b) is that of all other runs.
 
         Raises
         ------
         ImpossibleLimitsError
             No motion of the kind was found that keeps the limits.
         """
-        return self._find(run, self._task.yardstick, told, budget, progress)
+        return self._find(run, self._task.yardstick, information, budget, progress)
 
-    def _find(self, run: PlannedRun, by: Yardstick, told: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
+    def _find(
+        self, run: PlannedRun, by: Yardstick, information: FloatArray, budget: Budget, progress: Progress
+    ) -> FoundRun:
         task = self._task
         moving = np.isin(np.arange(len(task.bounds.names)), run.moving)
         within = replace(task, model=replace(task.model, counted=moving), progress=progress)
-        yardstick = replace(by, earlier=rows_like(told / task.request.trajectory.duration))
+        yardstick = replace(by, earlier=rows_like(information / task.request.trajectory.duration))
         if isinstance(run.how, Freely) and task.request.trajectory.family != "point_to_point":
             return self._periodic(within, moving, yardstick, budget)
         return self._through_points(within, run, moving, yardstick, budget)
 
     def _periodic(self, task: Task, moving: BoolArray, yardstick: Yardstick, budget: Budget) -> FoundRun:
-        """A periodic trajectory with the other joints locked in the best of some postures."""
-        wanted, model = task.request.trajectory, task.model
-        family = family_of(wanted, max(round(wanted.duration * task.rate), 1) / task.rate)
+        """Return a periodic trajectory with the other joints locked in the best of some postures."""
+        trajectory, model = task.request.trajectory, task.model
+        family = family_of(trajectory, max(round(trajectory.duration * task.rate), 1) / task.rate)
         judge = Judge(family, model, yardstick)
-        found = []
+        candidates_of_postures = []
         for _ in range(_LOCKED_POSTURES):
             posture = self._postures[self._rng.integers(len(self._postures))]
             bounds = locked_bounds(task.bounds, posture, moving)
@@ -134,31 +138,31 @@ class RunSearch:
             candidates = random_candidates(
                 family, bounds, model, judge, count=_CANDIDATES, seed=seed, progress=part(task.progress, 0.0, 0.2)
             )
-            found += [(one, bounds) for one in candidates]
-        if not found:
+            candidates_of_postures += [(candidate, bounds) for candidate in candidates]
+        if not candidates_of_postures:
             raise ImpossibleLimitsError(
                 "no motion with locked joints was found that keeps the limits", pointer="/limits"
             )
-        best, bounds = min(found, key=lambda pair: pair[0].values.criterion)
+        best, bounds = min(candidates_of_postures, key=lambda pair: pair[0].values.criterion)
         problem = DesignProblem(family, model, yardstick.smooth, bounds)
         shrinking = Shrinking(family, bounds, model)
         best = optimise(problem, shrinking, judge, [best], budget, part(task.progress, 0.2, 0.9)).best
         (motion, *_), _ = within_limits(task, family, best)
-        random = tuple(_information(judge, one.x, family.period) for one, _ in found)
-        return FoundRun((motion,), wanted.periods, motion.start, random)
+        random = tuple(_information(judge, candidate.x, family.period) for candidate, _ in candidates_of_postures)
+        return FoundRun((motion,), trajectory.periods, motion.start, random)
 
     def _through_points(
         self, task: Task, run: PlannedRun, moving: BoolArray, yardstick: Yardstick, budget: Budget
     ) -> FoundRun:
-        """Moves between points, the best of some random ones improved."""
-        wanted, rng = task.request.trajectory, self._rng
+        """Return moves between points, the best of some random ones improved."""
+        trajectory, rng = task.request.trajectory, self._rng
         if self._legs is None:
             self._legs = Legs(task.bounds, task.model, task.rate)
         legs = self._legs.counting(moving)
         space = self._space(task, run, moving)
         candidates = drawn(space, legs, yardstick, count=_CANDIDATES, rng=rng, progress=part(task.progress, 0.0, 0.2))
         of_points = (
-            _VARIATIONS_OF_TWO_POINTS if isinstance(space, TwoPoints) else _VARIATIONS_OF_A_POINT * wanted.points
+            _VARIATIONS_OF_TWO_POINTS if isinstance(space, TwoPoints) else _VARIATIONS_OF_A_POINT * trajectory.points
         )
         best, _ = improved(
             candidates[0].sequence,
@@ -170,14 +174,14 @@ class RunSearch:
             budget=budget,
             progress=part(task.progress, 0.2, 0.9),
         )
-        sequence, pieces = first_that_fits(task, [best, *(one.sequence for one in candidates)])
+        sequence, pieces = first_that_fits(task, [best, *(candidate.sequence for candidate in candidates)])
         length = sum(piece.duration for piece in pieces)
-        rounds = wanted.periods * max(1, round(wanted.duration / length))
-        random = tuple(_of_sequence(legs, one.sequence, length * rounds) for one in candidates)
+        rounds = trajectory.periods * max(1, round(trajectory.duration / length))
+        random = tuple(_of_sequence(legs, candidate.sequence, length * rounds) for candidate in candidates)
         return FoundRun(pieces, rounds, sequence.points[-1], random)
 
     def _space(self, task: Task, run: PlannedRun, moving: BoolArray) -> PointSpace:
-        bounds, wanted = task.bounds, task.request.trajectory
+        bounds, trajectory = task.bounds, task.request.trajectory
         if isinstance(run.how, BetweenTwoPoints):
             shortest, longest = _strokes(task, run.how, moving)
             return TwoPoints(bounds, self._postures, shortest, longest)
@@ -185,20 +189,21 @@ class RunSearch:
             posture = self._postures[self._rng.integers(len(self._postures))]
             bounds = locked_bounds(bounds, posture, moving)
             postures = holdable_postures(bounds, task.model, self._rng)
-            return FreePoints(bounds, postures, wanted.points)
-        return FreePoints(bounds, self._postures, wanted.points, fastest=_SLOW)
+            return FreePoints(bounds, postures, trajectory.points)
+        return FreePoints(bounds, self._postures, trajectory.points, fastest=_SLOW)
 
 
 def rows_like(information: FloatArray) -> FloatArray:
-    """Rows (b, b) that have the WᵀW of an information matrix (b, b)."""
+    """Return rows (b, b) that have the WᵀW of an information matrix (b, b)."""
     sizes = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    # Scaled to a unit diagonal first: units of parameters must not cost digits.
     eigenvalues, vectors = np.linalg.eigh(information / np.outer(sizes, sizes))
-    made: FloatArray = (np.sqrt(np.maximum(eigenvalues, 0.0)) * vectors).T * sizes
-    return made
+    rows: FloatArray = (np.sqrt(np.maximum(eigenvalues, 0.0)) * vectors).T * sizes
+    return rows
 
 
 def _strokes(task: Task, how: BetweenTwoPoints, moving: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """The shortest and the longest way (n,) of every joint between two points."""
+    """Return the shortest and the longest way (n,) of every joint between two points."""
     bounds = task.bounds
     span = 2 * bounds.half_range
     shortest, longest = (np.where(moving, share * span, 0.0) for share in _LITTLE_WAY)
@@ -215,13 +220,13 @@ def _strokes(task: Task, how: BetweenTwoPoints, moving: BoolArray) -> tuple[Floa
 def _information(judge: Judge, x: FloatArray, period: float) -> FloatArray:
     w = judge.observe(x)
     rows = w.reshape(-1, w.shape[-1])
-    made: FloatArray = rows.T @ rows * (period / judge.n_samples)
-    return made
+    information: FloatArray = rows.T @ rows * (period / judge.n_samples)
+    return information
 
 
 def _of_sequence(legs: Legs, sequence: PointSequence, seconds: float) -> FloatArray:
     moves = legs.of(sequence)
     assert moves is not None
     rows = rows_of(moves)
-    made: FloatArray = seconds * rows.T @ rows
-    return made
+    information: FloatArray = seconds * rows.T @ rows
+    return information

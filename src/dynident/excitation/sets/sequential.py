@@ -1,4 +1,4 @@
-"""Sets of special test motions (§12.3.4.2), run one after the other and combined in one global system."""
+"""Design of sets of special test motions (§12.3.4.2), run one after the other and combined in one global system."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _TRIES = 4
 _MOST_VALUED = 10_000
 _NOT_SHOWN = 1e-6
 _ABOUT_PARAMETERS = ("parameters", "separation")
-"""Criteria that weigh the equations of each joint: an information matrix does not tell them apart any more."""
+"""Criteria that weigh the equations of each joint, which an information matrix no longer tells apart."""
 
 
 @dataclass(frozen=True, eq=False)
 class _RunMade:
-    """A run, the way to its start, its samples, and W (m, n, b) at them without the equations of locked joints.
+    """A run, the move to its start, its samples, and W (m, n, b) at them without the equations of locked joints.
 
     `information` (b, b) is ∫ WᵀW dt.
     """
@@ -47,7 +47,7 @@ class _RunMade:
 
 
 def sequential(task: Task, budget: Budget) -> Made:
-    """Design the runs of a set one after the other, each to complement those before, with the ways between them."""
+    """Design the runs of a set one after the other, each to complement those before, with the moves between them."""
     request, bounds, model = task.request, task.bounds, task.model
     runs = planned_runs(request.trajectory.sets, model.robot.joint_names)
     if any(isinstance(run.how, BetweenTwoPoints) for run in runs):
@@ -57,55 +57,58 @@ def sequential(task: Task, budget: Budget) -> Made:
     # Searching the first time is looking for what shows at all: it takes as long as looking again for the best.
     seconds = None if budget.seconds is None else budget.seconds / len(runs) / 2
     first = _first(replace(task, progress=part(task.progress, 0.0, 0.45)), search, runs, home, seconds)
-    made = _again(replace(task, progress=part(task.progress, 0.45, 0.9)), search, first, home, budget)
+    placed_runs = _again(replace(task, progress=part(task.progress, 0.45, 0.9)), search, first, home, budget)
     in_time = not budget.spent
-    retreat = way_between(made[-1].found.start, home, bounds, model, task.rate)
-    found = _made(task, made, retreat, home)
+    retreat = way_between(placed_runs[-1].found.start, home, bounds, model, task.rate)
+    experiment = _made(task, placed_runs, retreat, home)
     if in_time:
-        return found
+        return experiment
     note = (
         "The time was over before all runs were searched by the criterion: until then, they are chosen by log det M; "
         "more time may make them much better."
     )
-    return replace(found, notes=(*found.notes, note))
+    return replace(experiment, notes=(*experiment.notes, note))
 
 
 def _first(
     task: Task, search: RunSearch, runs: Sequence[PlannedRun], home: FloatArray, seconds: float | None
 ) -> list[_RunMade]:
-    """All runs, each to add the most to those before."""
-    told, at = search.nothing_told(), home
-    made: list[_RunMade] = []
+    """Return all runs, each of which adds the most to those before."""
+    information, at = search.nothing_told(), home
+    placed_runs: list[_RunMade] = []
     for index, run in enumerate(runs):
         progress = _labelled(task.progress, run, index, len(runs))
-        one = _reachable(task, search, run, at, told, Budget(1, seconds), progress)
-        told = told + one.information
-        at = one.found.start
-        made.append(one)
-    return made
+        placed = _reachable(task, search, run, at, information, Budget(1, seconds), progress)
+        information = information + placed.information
+        at = placed.found.start
+        placed_runs.append(placed)
+    return placed_runs
 
 
 def _again(task: Task, search: RunSearch, first: list[_RunMade], home: FloatArray, budget: Budget) -> list[_RunMade]:
-    """The runs, each searched once more by the criterion asked for, beside all others; the better one is kept.
+    """Return the runs after one more search of each by the requested criterion; the better motion is kept.
 
-    Those that the time is not enough for stay as they are.
+    Runs for which the time is not enough stay as they are.
     """
     seconds = None if budget.seconds is None else budget.seconds / len(first) / 2
-    made = list(first)
+    best_runs = list(first)
     if task.request.criterion.name in _ABOUT_PARAMETERS:
-        return made
-    value = _worth(task, made).criterion
+        return best_runs
+    value = _worth(task, best_runs).criterion
+    # Without full rank no exchange of one run has a finite value, so that none could be compared.
     if not np.isfinite(value):
-        return made
-    for index, one in enumerate(first):
+        return best_runs
+    for index, placed in enumerate(first):
         if budget.spent:
             break
-        others = sum((each.information for each in made if each is not made[index]), start=0.0 * one.information)
-        progress = _labelled(task.progress, one.planned, index, len(first))
+        others = sum(
+            (each.information for each in best_runs if each is not best_runs[index]), start=0.0 * placed.information
+        )
+        progress = _labelled(task.progress, placed.planned, index, len(first))
         try:
-            found = search.again(one.planned, others, Budget(1, seconds), progress)
-            changed = list(made)
-            changed[index] = _with_samples(task, one.planned, found, one.approach)
+            motion = search.again(placed.planned, others, Budget(1, seconds), progress)
+            changed = list(best_runs)
+            changed[index] = _with_samples(task, placed.planned, motion, placed.approach)
             reached = _worth(task, changed).criterion
             if reached >= value:
                 continue
@@ -116,8 +119,8 @@ def _again(task: Task, search: RunSearch, first: list[_RunMade], home: FloatArra
                     changed[k] = replace(changed[k], approach=way)
         except ImpossibleLimitsError:
             continue
-        made, value = changed, reached
-    return made
+        best_runs, value = changed, reached
+    return best_runs
 
 
 def _labelled(progress: Progress, run: PlannedRun, index: int, count: int) -> Progress:
@@ -126,51 +129,57 @@ def _labelled(progress: Progress, run: PlannedRun, index: int, count: int) -> Pr
 
 
 def _reachable(
-    task: Task, search: RunSearch, run: PlannedRun, at: FloatArray, told: FloatArray, budget: Budget, progress: Progress
+    task: Task,
+    search: RunSearch,
+    run: PlannedRun,
+    at: FloatArray,
+    information: FloatArray,
+    budget: Budget,
+    progress: Progress,
 ) -> _RunMade:
-    """A run whose start can be reached from a posture (n,)."""
+    """Return a run whose start can be reached from a posture (n,)."""
     for attempt in range(_TRIES):
         try:
-            found = search.first(run, told, budget, progress)
-            approach = way_between(at, found.start, task.bounds, task.model, task.rate)
+            motion = search.first(run, information, budget, progress)
+            approach = way_between(at, motion.start, task.bounds, task.model, task.rate)
         except ImpossibleLimitsError:
             if attempt == _TRIES - 1:
                 raise
         else:
             break
-    return _with_samples(task, run, found, approach)
+    return _with_samples(task, run, motion, approach)
 
 
-def _with_samples(task: Task, run: PlannedRun, found: FoundRun, approach: Piece) -> _RunMade:
-    motion = in_sequence(found.pieces, task.rate)
+def _with_samples(task: Task, run: PlannedRun, found_run: FoundRun, approach: Piece) -> _RunMade:
+    motion = in_sequence(found_run.pieces, task.rate)
     moving = np.isin(np.arange(task.model.robot.n), run.moving)
     observed = replace(task.model, counted=moving).observe_along(motion, np.arange(len(motion.t)))
     w = observed.reshape(len(motion.t), task.model.robot.n, -1)
-    return _RunMade(run, found, approach, motion, w, observed.T @ observed / task.rate)
+    return _RunMade(run, found_run, approach, motion, w, observed.T @ observed / task.rate)
 
 
-def _worth(task: Task, made: Sequence[_RunMade]) -> CriterionValues:
-    """All runs together by the criterion asked for, from their informations."""
-    seconds = sum(len(one.motion.t) for one in made) / task.rate
-    information = sum((one.information for one in made), start=0.0 * made[0].information)
+def _worth(task: Task, placed_runs: Sequence[_RunMade]) -> CriterionValues:
+    """Return the values of all runs together by the requested criterion, from their information matrices."""
+    seconds = sum(len(placed.motion.t) for placed in placed_runs) / task.rate
+    information = sum((placed.information for placed in placed_runs), start=0.0 * placed_runs[0].information)
     return task.yardstick.values(rows_like(information / seconds), 1)
 
 
-def _made(task: Task, placed: list[_RunMade], retreat: Piece, home: FloatArray) -> Made:
+def _made(task: Task, runs: list[_RunMade], retreat: Piece, home: FloatArray) -> Made:
     pieces: list[Piece] = []
     spans: list[Run] = []
     clock = 0.0
     names = task.model.robot.joint_names
-    for one in placed:
-        first = clock + one.approach.duration
-        clock = first + sum(piece.duration for piece in one.found.pieces)
-        spans.append(Run(one.planned.label, tuple(names[j] for j in one.planned.moving), first, clock))
-        pieces += [one.approach, *one.found.pieces]
+    for placed in runs:
+        first = clock + placed.approach.duration
+        clock = first + sum(piece.duration for piece in placed.found.pieces)
+        spans.append(Run(placed.planned.label, tuple(names[j] for j in placed.planned.moving), first, clock))
+        pieces += [placed.approach, *placed.found.pieces]
     margins = verified(task, tuple(dict.fromkeys([*pieces, retreat])))
-    valued = _valued(task, placed)
+    valued = _valued(task, runs)
     notes = [*task.yardstick.notes, *_not_shown(task, valued), posture_note(home)]
     notes.append(
-        f"{len(placed)} runs, {sum(run.end - run.start for run in spans):.4g} s together; in each, only the equations "
+        f"{len(runs)} runs, {sum(run.end - run.start for run in spans):.4g} s together; in each, only the equations "
         "of the joints that move count."
     )
     return Made(
@@ -178,25 +187,25 @@ def _made(task: Task, placed: list[_RunMade], retreat: Piece, home: FloatArray) 
         exciting=(spans[0].start, spans[-1].end),
         period=None,
         valued=valued,
-        baseline=_baseline(task, placed),
+        baseline=_baseline(task, runs),
         margins=margins,
         notes=tuple(notes),
         runs=tuple(spans),
     )
 
 
-def _valued(task: Task, placed: list[_RunMade]) -> Valued:
-    """What all runs together are worth: samples evenly from all of them."""
-    total = sum(len(one.motion.t) for one in placed)
+def _valued(task: Task, placed_runs: list[_RunMade]) -> Valued:
+    """Return the values of all runs together, from evenly taken samples."""
+    total = sum(len(placed.motion.t) for placed in placed_runs)
     every = max(1, total // _MOST_VALUED)
-    w = np.concatenate([one.w[::every] for one in placed])
-    dq = np.concatenate([one.motion.dq[::every] for one in placed])
+    w = np.concatenate([placed.w[::every] for placed in placed_runs])
+    dq = np.concatenate([placed.motion.dq[::every] for placed in placed_runs])
     values = task.yardstick.values(w.reshape(-1, w.shape[-1]), len(w))
     return Valued(values, task.expected(w, dq, EVERY_JOINT, total, None))
 
 
 def _not_shown(task: Task, valued: Valued) -> list[str]:
-    missing = [one.name for one in valued.expected if one.share < _NOT_SHOWN]
+    missing = [parameter.name for parameter in valued.expected if parameter.share < _NOT_SHOWN]
     if not missing:
         return []
     note = f"W has no full rank: the runs do not show {listed(missing)}."
@@ -208,16 +217,17 @@ def _not_shown(task: Task, valued: Valued) -> list[str]:
     return [note]
 
 
-def _baseline(task: Task, placed: list[_RunMade]) -> Baseline | None:
-    """The same set with random motions of the same kind and length in every run; `None` where rows have weights."""
+def _baseline(task: Task, placed_runs: list[_RunMade]) -> Baseline | None:
+    """Return the baseline of the same set with random motions in every run; None where rows have weights."""
     if task.request.criterion.name in _ABOUT_PARAMETERS:
         return None
-    count = max(len(one.found.random) for one in placed)
-    seconds = sum(len(one.motion.t) for one in placed) / task.rate
+    count = max(len(placed.found.random) for placed in placed_runs)
+    seconds = sum(len(placed.motion.t) for placed in placed_runs) / task.rate
     values = []
     for k in range(count):
         information = sum(
-            (one.found.random[k % len(one.found.random)] for one in placed), start=0.0 * placed[0].information
+            (placed.found.random[k % len(placed.found.random)] for placed in placed_runs),
+            start=0.0 * placed_runs[0].information,
         )
         values.append(task.yardstick.values(rows_like(information / seconds), 1))
     return baseline_of(values)

@@ -1,1 +1,1 @@
-"""What an identification is solved from: the equations of its model, reduced from recordings, and their checks."""
+"""Equations that an identification is solved from, reduced from recordings, and their checks."""

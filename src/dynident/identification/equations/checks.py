@@ -1,4 +1,4 @@
-"""Whether effects, recordings and reduced data fit together, before anything is solved."""
+"""Check that effects, recordings and reduced data fit together, before anything is solved."""
 
 from __future__ import annotations
 
@@ -17,11 +17,22 @@ from dynident.robot import Robot
 
 
 def check_recordings(robot: Robot, recordings: Sequence[Recording], validation: Sequence[Recording]) -> None:
-    """Raise where there is nothing to identify from, or a measurement is another robot's."""
+    """Raise where there is nothing to identify from, or a recording is another robot's.
+
+    Parameters
+    ----------
+    robot : Robot
+    recordings, validation : sequence of Recording
+
+    Raises
+    ------
+    DynidentError
+    """
     if not recordings:
         raise DynidentError("give at least one measurement to identify from", pointer="/measurement_ids")
     for pointer, group in (("/measurement_ids", recordings), ("/validation_ids", validation)):
         for index, recording in enumerate(group):
+            # The order counts as well: columns are matched to joints by their place.
             if recording.joint_names != robot.joint_names:
                 raise DynidentError(
                     f"{recording.name} has the joints {', '.join(recording.joint_names)}; the robot has "
@@ -32,7 +43,18 @@ def check_recordings(robot: Robot, recordings: Sequence[Recording], validation: 
 
 
 def check_joint_torques(name: ModelName, recordings: Sequence[Recording]) -> None:
-    """Raise where a model needs the torques of all joints in one equation, and a recording lacks one of them."""
+    """Raise where a model needs the torques of all joints in one equation, and a recording lacks one of them.
+
+    Parameters
+    ----------
+    name : str
+        Of the equation type.
+    recordings : sequence of Recording
+
+    Raises
+    ------
+    DynidentError
+    """
     lacking = [recording for recording in recordings if recording.joints_without_torque]
     if lacking and name in ("power", "energy"):
         raise DynidentError(
@@ -46,7 +68,17 @@ def check_joint_torques(name: ModelName, recordings: Sequence[Recording]) -> Non
 def check_temperature(
     effects: Sequence[EffectChoice], recordings: Sequence[Recording], validation: Sequence[Recording]
 ) -> None:
-    """Raise where an effect needs the joints' temperature and a recording has none: a guess would pass for data."""
+    """Raise where an effect needs the joints' temperature and a recording has none: a guess would pass for data.
+
+    Parameters
+    ----------
+    effects : sequence of EffectChoice
+    recordings, validation : sequence of Recording
+
+    Raises
+    ------
+    DynidentError
+    """
     for index, choice in enumerate(effects):
         if not effect_by_id(choice.effect, f"/effects/{index}").needs_temperature:
             continue
@@ -63,14 +95,24 @@ def check_temperature(
 def check_runs(
     effects: Sequence[EffectChoice], recordings: Sequence[Recording], validation: Sequence[Recording] = ()
 ) -> None:
-    """Raise where an effect is limited to runs that there are not, or needs to be limited and is not.
+    """Raise where an effect is limited to runs that do not exist, or needs to be limited and is not.
 
     Held-out runs may be named besides others: that they carry a load, too.
+
+    Parameters
+    ----------
+    effects : sequence of EffectChoice
+    recordings, validation : sequence of Recording
+
+    Raises
+    ------
+    DynidentError
     """
     labels = dict.fromkeys(label for recording in recordings for label in recording.run_labels)
     known = {*labels, *(recording.name for recording in recordings)}
     besides = {label for recording in validation for label in (recording.name, *recording.run_labels)}
     for index, choice in enumerate(effects):
+        # Names of recordings and of the runs within them both count.
         strangers = [run for run in choice.runs if run not in known | besides]
         if choice.runs and not strangers and not known & set(choice.runs):
             raise DynidentError(
@@ -96,7 +138,22 @@ def check_runs(
 
 
 def check_equations(model: Model, name: ModelName, equations: Reduction, torque: Reduction) -> None:
-    """Raise where a model's equations do not show what the joints' torques on the same data do."""
+    """Raise where a model's equations do not determine what the joints' torques on the same data do.
+
+    Parameters
+    ----------
+    model : Model
+    name : str
+        Of the equation type.
+    equations, torque : Reduction
+        Rows of that type, and those of the joints' torques.
+
+    Raises
+    ------
+    EstimationError
+    """
+    # The torques have to be asked, too: a parameter that they do not show either is the motion's fault, not the
+    # equations'.
     lost = unseen_parameters(model, equations)
     if not lost or unseen_parameters(model, torque):
         return
@@ -116,8 +173,16 @@ def check_equations(model: Model, name: ModelName, equations: Reduction, torque:
 def check_torque(model: Model, torque: Reduction) -> None:
     """Raise where a joint's torque is zero throughout although its motion asks for some.
 
-    Nothing would be left of its residual as its weight grows: the weighting would be singular, and the joint would
-    decide alone.
+    Its residual would vanish as its weight grows: the weighting would be singular, and the joint would decide alone.
+
+    Parameters
+    ----------
+    model : Model
+    torque : Reduction
+
+    Raises
+    ------
+    EstimationError
     """
     dead = [
         name
@@ -134,7 +199,20 @@ def check_torque(model: Model, torque: Reduction) -> None:
 
 
 def check_reduction(model: Model, reduction: Reduction, known: Information | None = None) -> None:
-    """Raise where the data, with what is known beside them, cannot determine the model, naming what is missing."""
+    """Raise where the data, with what is known beside them, cannot determine the model; name what is missing.
+
+    Parameters
+    ----------
+    model : Model
+    reduction : Reduction
+    known : Information, optional
+        Rows of a prior.
+
+    Raises
+    ------
+    EstimationError
+    """
+    # The reasons are checked from the most basic one on, so that the message names the real cause.
     if reduction.n_rows == 0:
         raise EstimationError(
             "no rows are left after filtering; use a longer recording or wider windows",
@@ -168,35 +246,37 @@ _MOST_RATIOS = 8
 
 
 def _ratios(model: Model, reduction: Reduction) -> str:
-    """Parameters for one unit of a first moment, where W χ = 0 tells them; else nothing.
+    """Describe the parameters up to a common factor, where W χ = 0 determines their ratios; else return nothing.
 
     The solution is the right singular vector of W's smallest singular value, of columns of the same size.
     """
     w = weighted_factor(reduction, np.ones(len(reduction.equations)))[:-1, :-1]
     sizes = np.linalg.norm(w, axis=0)
-    seen = np.flatnonzero(sizes > 1e-9 * sizes.max(initial=0.0))
-    if len(seen) < 2:
+    nonzero = np.flatnonzero(sizes > 1e-9 * sizes.max(initial=0.0))
+    if len(nonzero) < 2:
         return ""
-    _, singular, right = np.linalg.svd(w[:, seen] / sizes[seen])
+    _, singular, right = np.linalg.svd(w[:, nonzero] / sizes[nonzero])
     share = right[-1]
-    moments = [k for k, column in enumerate(seen) if model.kept[column].parameter in ("MX", "MY", "MZ")]
+    moments = [k for k, column in enumerate(nonzero) if model.kept[column].parameter in ("MX", "MY", "MZ")]
     if not moments or singular[-1] > _HOMOGENEOUS * singular[-2]:
         return ""
+    # Ratios are given to a first moment: gravity acts on it, so it is the best determined one of a robot that swings.
     lead = max(moments, key=lambda k: abs(share[k]))
-    kept = [model.kept[k] for k in seen]
-    found = share / sizes[seen]
-    found = found / abs(found[lead])
+    parameters = [model.kept[k] for k in nonzero]
+    # Undo the scaling of the columns.
+    values = share / sizes[nonzero]
+    values = values / abs(values[lead])
     # Either sign solves the equations; moments of inertia and friction are positive in one of them.
-    positive = [k for k, column in enumerate(kept) if column.parameter in ("XX", "YY", "ZZ", "Ia", "Fv", "Fc")]
-    if sum(found[k] * sizes[seen[k]] for k in positive) < 0:
-        found = -found
+    positive = [k for k, column in enumerate(parameters) if column.parameter in ("XX", "YY", "ZZ", "Ia", "Fv", "Fc")]
+    if sum(values[k] * sizes[nonzero[k]] for k in positive) < 0:
+        values = -values
     order = [k for k in np.argsort(-np.abs(share)) if k != lead][:_MOST_RATIOS]
-    named = ", ".join(f"{kept[k].name} = {found[k]:.3g} {kept[k].unit}" for k in (lead, *order))
+    named = ", ".join(f"{parameters[k].name} = {values[k]:.3g} {parameters[k].unit}" for k in (lead, *order))
     return f"; up to one common factor {named}"
 
 
 def _with_their_joints(model: Model, names: Sequence[str]) -> str:
-    """Parameters' names, and the joints that they are of where they are of one or two."""
+    """Return the names of parameters, and their joints where these are one or two."""
     joints = dict.fromkeys(column.link for column in model.kept if column.name in names and column.link)
     few = f" of {' and '.join(joints)}" if 0 < len(joints) <= 2 else ""
     return ", ".join(names) + few

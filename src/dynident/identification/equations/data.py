@@ -1,4 +1,4 @@
-"""What an identification is solved from: recordings, reduced to the columns of one model."""
+"""Recordings reduced to the columns of one model: the data that an identification is solved from."""
 
 from __future__ import annotations
 
@@ -40,23 +40,33 @@ class Data:
 
     @property
     def weights(self) -> FloatArray:
-        """(n,): what rows of the joints' torques count for where a joint turns round; 1 where it is not told apart."""
+        """Weights (n,) of the rows at reversals; 1 for a joint whose reversals are not told apart."""
         return np.array([1.0 if e.turned is None else e.turned.weight for e in self.torque.equations])
 
     def weighing_turns(self, weights: FloatArray) -> Data:
-        """The same where these rows count for weights (n,)."""
+        """Return the same data with these weights (n,) of the rows at reversals."""
         torque = self.torque.weighing_turns(weights)
+        # The dynamic model's equations are the torques, and stay the same object: others test for that.
         return replace(self, torque=torque, equations=torque if self.equations is self.torque else self.equations)
 
 
 def motions_and_friction(recordings: Sequence[Recording]) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
-    """Recordings of motions to identify from, and those that are tests of single joints' friction.
+    """Split recordings into motions to identify from, and tests of single joints' friction.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    tuple of two tuples of Recording
 
     Raises
     ------
     DynidentError
         Where there are tests of friction alone.
     """
+    # Tests of single joints would count friction twice, and move too little to identify anything else.
     friction = tuple(recording for recording in recordings if recording.role == "friction")
     ordinary = tuple(recording for recording in recordings if recording.role != "friction")
     if friction and not ordinary:
@@ -78,7 +88,24 @@ def reduced(
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> Data:
-    """Reduce recordings to the rows that are asked for, and of the joints' torques.
+    """Reduce recordings to the rows of the chosen equation type, and to those of the joints' torques.
+
+    Parameters
+    ----------
+    model : Model
+    rows : RowsAsked
+        The equation type and its constants.
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+    reference : ReferenceParameters
+        What torque is predicted with.
+    progress : Progress
+    known : KeptRows, optional
+        Rows of a model that this one extends.
+
+    Returns
+    -------
+    Data
 
     Raises
     ------
@@ -87,13 +114,14 @@ def reduced(
     """
     ordinary, friction = motions_and_friction(recordings)
     share = 1.0 if rows.model == "dynamic" else 0.5
-    found = torque_of(model, ordinary, preprocessing, reference, part(progress, 0.0, share), known)
-    found = replace(found, friction=friction)
+    # Always reduce the joints' torques as well: errors of all equation types are compared in them.
+    data = torque_of(model, ordinary, preprocessing, reference, part(progress, 0.0, share), known)
+    data = replace(data, friction=friction)
     if rows.model == "dynamic":
-        return found
+        return data
     equations = equations_of(model, rows, ordinary, preprocessing, reference, part(progress, share, 1.0))
-    check_equations(model, rows.model, equations, found.torque)
-    return replace(found, equations=equations)
+    check_equations(model, rows.model, equations, data.torque)
+    return replace(data, equations=equations)
 
 
 def torque_of(
@@ -104,6 +132,18 @@ def torque_of(
     progress: Progress = silent,
     known: KeptRows | None = None,
 ) -> Data:
-    """Reduce recordings to the rows of the dynamic model [12.18]."""
+    """Reduce recordings to the rows of the dynamic model [12.18].
+
+    Parameters
+    ----------
+    model : Model
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+    reference : ReferenceParameters
+        What torque is predicted with.
+    progress : Progress
+    known : KeptRows, optional
+        Rows of a model that this one extends.
+    """
     reduction, rows = reduce_and_keep(model, recordings, preprocessing, reference, progress, known)
     return Data(reduction, reduction, tuple(recordings), preprocessing, reference, rows)

@@ -1,4 +1,4 @@
-"""What each model of the chapter makes of recordings, beside the dynamic one: its constants, and its equations."""
+"""Constants and equations of the filtered, energy, power and base-wrench models."""
 
 from __future__ import annotations
 
@@ -18,16 +18,29 @@ from dynident.regressors.forms import Form, filtered_form, power_form
 from dynident.regressors.model import Model
 
 _SMALLEST_POLE = 10.0
+"""rad/s: the smallest a of F(s) that is recommended."""
+
 _FORGOTTEN = 4.7
-"""What F(s) remembers of a sample after so many times 1 / a: (1 + 4.7) exp(-4.7), a twentieth."""
+"""Times 1 / a after which F(s) keeps a twentieth of a sample: (1 + 4.7) exp(-4.7)."""
 
 _HARMONICS = 15.0
+"""Times the band of the motion that F(s) passes where no cut-off of the torque is chosen."""
 
 
 def with_constants(
     rows: RowsAsked, recordings: Sequence[Recording], preprocessing: Preprocessing
 ) -> tuple[RowsAsked, Preprocessing]:
-    """The rows with the constants that their model needs, and the reasons for them beside the filters' own.
+    """Return the rows with the constants that their model needs, and the filters with the reasons for these constants.
+
+    Parameters
+    ----------
+    rows : RowsAsked
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+
+    Returns
+    -------
+    tuple of RowsAsked and Preprocessing
 
     Raises
     ------
@@ -51,7 +64,16 @@ def equations_of(
     reference: ReferenceParameters,
     progress: Progress = silent,
 ) -> Reduction:
-    """The equations that a model of rows makes of recordings, in the columns of its base parameters.
+    """Reduce recordings to the equations of a model of rows, in the columns of its base parameters.
+
+    Parameters
+    ----------
+    model : Model
+    rows : RowsAsked
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+    reference : ReferenceParameters
+    progress : Progress
 
     Raises
     ------
@@ -62,11 +84,12 @@ def equations_of(
         return wrench_equations(model, rows, recordings, preprocessing, progress)
     rows, _ = with_constants(rows, recordings, preprocessing)
     form, treatment = _rows_of(model, rows)
+    # F(s) starts from rest, which the robot does not. Rows count only once the filter has forgotten where it began.
     memory = _FORGOTTEN / rows.pole if rows.model == "filtered" and rows.pole is not None else 0.0
-    found = reduce_form(form, treatment, recordings, preprocessing, reference, progress, memory)
-    if found.n_rows == 0:
+    reduction = reduce_form(form, treatment, recordings, preprocessing, reference, progress, memory)
+    if reduction.n_rows == 0:
         raise _none_left(rows)
-    return found
+    return reduction
 
 
 def _rows_of(model: Model, rows: RowsAsked) -> tuple[Form, Treatment]:
@@ -81,10 +104,14 @@ def _rows_of(model: Model, rows: RowsAsked) -> tuple[Form, Treatment]:
 
 
 def _pole(recordings: Sequence[Recording], preprocessing: Preprocessing) -> tuple[float, str]:
-    """F(s) as wide as the band that Y and W are filtered to: nothing is gained by less, and noise above it is gone."""
+    """Return the pole a of F(s), and why: as wide as the band that Y and W are filtered to.
+
+    A narrower one gains nothing, and noise above that band is gone already.
+    """
     cutoff = preprocessing.torque_cutoff
     source = "the torque cut-off"
     if cutoff is None:
+        # The torque is not filtered, so the band of the motion itself has to serve.
         cutoff, source = _HARMONICS * motion_band(recordings), f"{_HARMONICS:g} times the band of the motion"
     pole = max(_SMALLEST_POLE, round(2.0 * pi * cutoff, 1))
     return pole, (
@@ -95,12 +122,14 @@ def _pole(recordings: Sequence[Recording], preprocessing: Preprocessing) -> tupl
 
 
 def _interval(recordings: Sequence[Recording]) -> tuple[float, str]:
-    """As long as energy at the motion's highest frequency grows: it goes with the square of velocity, twice as fast.
+    """Return the interval of an energy equation, and why: as long as energy at the motion's highest frequency grows.
 
-    Longer intervals lose what swings more than once in them, and gather the errors of low frequency (§12.6.2); shorter
-    ones are differences of nearly the same energy.
+    Energy goes with the square of velocity, so it swings twice as fast as the motion. Longer intervals lose what swings
+    more than once in them, and gather the errors of low frequency (§12.6.2); shorter ones are differences of nearly the
+    same energy.
     """
     band = motion_band(recordings)
+    # Half a swing of the energy at the highest frequency of the motion.
     interval = 1.0 / (SHARE_OF_PERIOD * band)
     return interval, (
         f"Energy model: intervals of {interval:.3g} s, an eighth of the shortest period of the motion (its band ends "
@@ -110,6 +139,7 @@ def _interval(recordings: Sequence[Recording]) -> tuple[float, str]:
 
 
 def _none_left(rows: RowsAsked) -> DynidentError:
+    """Return the error that no rows are left, with the remedy for the equation type."""
     if rows.model == "filtered" and rows.pole is not None:
         detail = (
             f"no rows are left: F(s) with a = {rows.pole:g} rad/s needs {10 / rows.pole:.3g} s to settle, which "

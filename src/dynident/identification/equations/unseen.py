@@ -1,4 +1,4 @@
-"""Which parameters data do not show."""
+"""Find the parameters that the data do not determine."""
 
 from __future__ import annotations
 
@@ -7,13 +7,20 @@ import numpy as np
 from dynident.estimation import EquationFactors, Information, Reduction, weighted_factor
 from dynident.regressors.model import Model
 
+# Share of the largest norm, or singular value, below which a column, or a direction, is rounding.
 _TINY = 1e-9
 
 
 def unseen_parameters(model: Model, reduction: Reduction, known: Information | None = None) -> list[str]:
-    """Names of the parameters whose column is zero, or depends on the others, on this data.
+    """Return the names of the parameters whose column is zero, or depends on the others, on this data.
 
     What is known beside the data counts as rows of it, in units of each equation's torque.
+
+    Parameters
+    ----------
+    model : Model
+    reduction : Reduction
+    known : Information, optional
     """
     units = np.array([_unit(equation, known) for equation in reduction.equations])
     factor = weighted_factor(reduction, units, known)[:-1, :-1]
@@ -25,11 +32,12 @@ def unseen_parameters(model: Model, reduction: Reduction, known: Information | N
         return [names[k] for k in np.flatnonzero(lost)]
     _, singular, vt = np.linalg.svd(factor / norms)
     null = vt[singular <= _TINY * singular[0]]
+    # All parameters with a noticeable part in an undetermined direction: naming only one of them would be arbitrary.
     involved = np.abs(null).max(axis=0, initial=0.0) > 0.05
     return [names[k] for k in np.flatnonzero(involved)]
 
 
 def _unit(equation: EquationFactors, known: Information | None) -> float:
-    """What a row is counted in: N m as it is where nothing else stands beside it, else the size of the torque."""
+    """Return the unit that rows are counted in: 1 N m where nothing stands beside them, else the size of the torque."""
     size = float(np.linalg.norm(equation.joined[:, -1])) / max(float(equation.counts.sum()), 1.0) ** 0.5
     return 1.0 if known is None or size == 0 else size

@@ -1,4 +1,4 @@
-"""The base's reaction wrench, reduced to the base parameters of the dynamic model."""
+"""Reduce the base's reaction wrench to equations of the dynamic model's base parameters."""
 
 from __future__ import annotations
 
@@ -24,7 +24,18 @@ def wrench_equations(
     preprocessing: Preprocessing,
     progress: Progress = silent,
 ) -> Reduction:
-    """Six equations in the model's base parameters; what only the wrench shows is fitted to whatever these are.
+    """Reduce recordings to six equations in the model's base parameters.
+
+    Parameters that only the wrench shows are fitted to whatever the others are, and eliminated.
+
+    Parameters
+    ----------
+    model : Model
+    rows : RowsAsked
+    recordings : sequence of Recording
+        With the columns of the wrench.
+    preprocessing : Preprocessing
+    progress : Progress
 
     Raises
     ------
@@ -34,19 +45,21 @@ def wrench_equations(
     """
     check_effects(model)
     check_wrenches(recordings)
-    found = wrench_model(model, tolerance=rows.tolerance)
-    if found.unseen:
+    wrench = wrench_model(model, tolerance=rows.tolerance)
+    if wrench.unseen:
         raise EstimationError(
-            f"the base's wrench does not determine {', '.join(found.unseen)} of this robot; choose another model",
+            f"the base's wrench does not determine {', '.join(wrench.unseen)} of this robot; choose another model",
             pointer="/model",
             title="Not identifiable with this model",
         )
-    # No column of the links rests on a predicted load.
+    # The columns of the links need no predicted load, so any reference parameters will do.
     nothing = ReferenceParameters.nothing(model.robot)
-    reduction = reduce_form(found.form, plain, recordings, preprocessing, nothing, progress)
+    reduction = reduce_form(wrench.form, plain, recordings, preprocessing, nothing, progress)
     if reduction.n_rows == 0:
-        return reduction.combined(found.coordinates[:, found.n_extra :])
-    return without_nuisance(reduction.combined(found.coordinates), found.n_extra, weighted=rows.weighted)
+        return reduction.combined(wrench.coordinates[:, wrench.n_extra :])
+    # Columns that only the wrench shows come first; they are eliminated so that the rest is in the model's
+    # parameters.
+    return without_nuisance(reduction.combined(wrench.coordinates), wrench.n_extra, weighted=rows.weighted)
 
 
 def check_effects(model: Model) -> None:

@@ -1,1 +1,1 @@
-"""How χ is solved for: one module an estimator, and all of them by their names."""
+"""Algorithms of the estimators that need more than a least-squares solution: one module for each."""

@@ -1,4 +1,4 @@
-"""The commanded motion of a recording, as late as the robot made it: a reference without the noise of encoders."""
+"""The commanded motion of a recording, delayed like the robot: a reference without the noise of encoders."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from dynident.identification.estimators.recorded_motion import RecordedMotion, w
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.commanded import commanded
 
-# What is left between the motion and the delayed command, of the motion, above which the robot did not follow it.
+# Share of the motion by which it may differ from the delayed command; above it the robot did not follow.
 _FOLLOWED = 0.05
+# Gauss-Newton steps for the delay: it is small, so that few are enough.
 _ROUNDS = 3
 
 
@@ -20,7 +21,7 @@ _ROUNDS = 3
 class CommandedMotion:
     """The command of every segment, delayed by `delay` (n,) in s, which brings it nearest to the measured motion.
 
-    `rest`: what is left between the two, of the motion, of the joint where that is largest.
+    `rest`: the rms difference between the two over the size of the motion, for the joint where that is largest.
     """
 
     segments: tuple[RecordedMotion, ...]
@@ -34,31 +35,48 @@ class CommandedMotion:
 
 
 def commanded_motion(recording: Recording, smooth: Preprocessing) -> CommandedMotion:
-    """The commanded motion behind a zero-phase filter, as late as the measured one behind the same filter."""
+    """Return the commanded motion behind a zero-phase filter, as late as the measured one behind the same filter.
+
+    Parameters
+    ----------
+    recording : Recording
+        With commanded positions.
+    smooth : Preprocessing
+        Its position filter is used.
+
+    Returns
+    -------
+    CommandedMotion
+    """
     measured = whole_segments(recording, smooth)
     ahead = whole_segments(commanded(recording), smooth)
     delay = np.zeros(recording.n)
     for _ in range(_ROUNDS):
-        late = tuple(_delayed(one, delay) for one in ahead)
+        late = tuple(_delayed(motion, delay) for motion in ahead)
         gap = np.concatenate([m.reference.q - c.reference.q for m, c in zip(measured, late, strict=True)])
         slope = np.concatenate([c.reference.dq for c in late])
         squares = np.sum(slope**2, axis=0)
+        # Least squares for a shift in time: to first order the gap between both motions is the velocity times the
+        # missing delay.
         delay = delay - np.sum(gap * slope, axis=0) / np.where(squares > 0, squares, np.inf)
     if not np.isfinite(delay).all():
         return CommandedMotion(measured, np.zeros(recording.n), np.inf)
-    late = tuple(_delayed(one, delay) for one in ahead)
+    late = tuple(_delayed(motion, delay) for motion in ahead)
     gap = np.concatenate([m.reference.q - c.reference.q for m, c in zip(measured, late, strict=True)])
     size = np.std(np.concatenate([m.reference.q for m in measured]), axis=0)
+    # A joint that hardly moves has no motion that the difference could be compared with.
     moving = size > 1e-3 * size.max()
     rest = np.sqrt(np.mean(gap**2, axis=0))[moving] / size[moving]
     return CommandedMotion(late, delay, float(rest.max(initial=0.0)))
 
 
 def _delayed(motion: RecordedMotion, delay: FloatArray) -> RecordedMotion:
-    """The motion, every joint by so many seconds later."""
-    given = motion.reference
+    """Return the motion with every joint delayed by so many seconds."""
+    reference = motion.reference
     q, dq, ddq = (
-        np.column_stack([np.interp(given.t - late, given.t, part[:, joint]) for joint, late in enumerate(delay)])
-        for part in (given.q, given.dq, given.ddq)
+        np.column_stack(
+            [np.interp(reference.t - late, reference.t, part[:, joint]) for joint, late in enumerate(delay)]
+        )
+        for part in (reference.q, reference.dq, reference.ddq)
     )
-    return replace(motion, reference=replace(given, q=q, dq=dq, ddq=ddq))
+    return replace(motion, reference=replace(reference, q=q, dq=dq, ddq=ddq))

@@ -1,9 +1,9 @@
 """Physically feasible parameters: those of bodies that can exist, nearest to the data (Wensing, Kim and Slotine 2018).
 
-The standard parameters φ are the unknowns and the base parameters are β = G φ, so the data are fitted as well as by any
+The standard parameters φ are the unknowns and the base parameters are β = G φ. So the data are fitted as well as by any
 parameters that a real robot could have: the pseudo-inertia of every link and payload has no negative eigenvalue, and no
 rotor inertia is negative, nor friction where it is Coulomb and viscous alone. The data determine β alone. Of the φ that
-give it those nearest to the description are taken; near is measured by how far descriptions usually are off
+give it, those nearest to the description are taken; the distance is measured by how far descriptions usually are off
 (`usual_errors`), and without a prior this decides nothing that the data can decide. With the entropic prior the
 distance from the description's bodies is part of the cost (`entropic`).
 """
@@ -28,27 +28,37 @@ from dynident.identification.problem import Problem
 from dynident.regressors.model import Model
 
 _ROUNDS = 20
-"""Of weighing by what is left, at most."""
+"""Rounds of weighing by the residual, at most."""
 
-# Newton's steps: predicted gain of cost, in squared standard deviations, that is none; share of it that pays; shortest.
+# Newton's method: predicted decrease of the cost, in squared standard deviations, at which it ends; share of the
+# decrease that a step has to reach; shortest step; and most steps.
 _SETTLED, _PAYS, _SHORTEST, _MOST_STEPS = 1e-10, 1e-4, 1e-9, 100
 FREE = 1.02
 """Times the error of the fit up to which feasible parameters cost nothing. Of 20 models of eight real machines, plain
 and extended ones, those below have a held-out error that rises by 0.5 % at most or falls; above, it rises by up to 9 %.
 """
 
-# What the description counts for in what the data leave open, where only the distance is asked for, which it must not
-# add to: with the usual 0.03 feasible parameters of a real arm seem eleven standard deviations off, with this 0.1.
+# Weight of the description in what the data leave open, where only the distance is wanted: it must not add to it. With
+# the usual 0.03 feasible parameters of a real arm seem eleven standard deviations off, with this 0.1.
 _TO_COMPARE = 1e-5
-# Standard deviations of all parameters together within which two estimates are one: feasible estimates of nine real
-# machines come out at 0.14 at most, for rounding; those of plain least squares at 6.9 at least.
+# Distance in standard deviations of all parameters together within which two estimates are the same: feasible estimates
+# of nine real machines are at 0.14 at most, by rounding; those of plain least squares at 6.9 at least.
 _FEASIBLE = 0.2
 
 
-def feasible(asked: Problem) -> Fit:
-    """Weighted least squares over all parameters that a real robot can have.
+def feasible(request: Problem) -> Fit:
+    """Return weighted least squares over all parameters that a real robot can have.
 
     Standard deviations take the constraints that hold the solution back as certain.
+
+    Parameters
+    ----------
+    request : Problem
+
+    Returns
+    -------
+    Fit
+        With standard parameters, and warnings about the constraints that are active.
 
     Raises
     ------
@@ -56,29 +66,30 @@ def feasible(asked: Problem) -> Fit:
         Where the data, with what is known beside them, do not determine the base parameters, or where nothing that is
         possible was found.
     """
-    model, data, known = asked.model, asked.data, asked.known
+    model, data, known = request.model, request.data, request.known
     unconstrained = weighted(data.equations, known)
-    believed = believed_of(model, asked.trust, unconstrained)
+    believed = believed_of(model, request.trust, unconstrained)
     problem = problem_of(model, data.equations, known, believed.at(believed.belief.mean))
     levels = noise_levels if known is None else doubtful_noise
     noise = unconstrained.noise
     converged = False
     for _ in range(_ROUNDS):
         if believed.entropic is None:
-            found = problem.solve(noise)
+            constrained = problem.solve(noise)
         else:
-            problem, found = nearest(model, problem, believed, noise)
-        before, noise = noise, levels(data.equations, problem.base_of(found))
+            problem, constrained = nearest(model, problem, believed, noise)
+        # The noise depends on the residual, and that on the weights by the noise: iterate until both agree.
+        before, noise = noise, levels(data.equations, problem.base_of(constrained))
         if converged := weights_settled(data.equations, before, noise):
             break
-    values = problem.base_of(found)
+    values = problem.base_of(constrained)
     factor = weighted_factor(data.equations, noise, problem.known)[:-1, :-1]
-    solution = Solution(values, noise, factor, problem.known, problem.free(found), converged)
+    solution = Solution(values, noise, factor, problem.known, problem.free(constrained), converged)
     return Fit(
         solution,
-        statistics(data.equations, solution, asked.covariance),
-        _warnings(model, problem, found, data.equations, unconstrained),
-        problem.standard(found),
+        statistics(data.equations, solution, request.covariance),
+        _warnings(model, problem, constrained, data.equations, unconstrained),
+        problem.standard(constrained),
     )
 
 
@@ -86,8 +97,8 @@ def feasible(asked: Problem) -> Fit:
 class NearestFeasible:
     """The feasible base parameters (b,) nearest to estimated ones.
 
-    `distance`: how far those are from feasible, in their own standard deviations; `limits` name what holds them back.
-    `standard`: standard parameters with these base parameters.
+    `distance`: how far the estimated ones are from feasible, in their own standard deviations; `limits` name the active
+    constraints. `standard`: standard parameters with these base parameters.
     """
 
     values: FloatArray
@@ -104,12 +115,21 @@ class NearestFeasible:
 def nearest_feasible(
     model: Model, equations: Reduction, solution: Solution, trust: Trust, weak: float = _TO_COMPARE
 ) -> NearestFeasible:
-    """Look for the parameters of a robot that can exist nearest to those of a solution, whatever estimated it.
+    """Find the parameters of a robot that can exist nearest to those of a solution, whatever estimated it.
 
     Parameters
     ----------
+    model : Model
+    equations : Reduction
+        That the solution is from.
+    solution : Solution
+    trust : Trust
     weak : float
         What a usual error of the description counts for in what the data leave open, in standard deviations.
+
+    Returns
+    -------
+    NearestFeasible
 
     Raises
     ------
@@ -118,40 +138,58 @@ def nearest_feasible(
     """
     believed = believed_of(model, replace(trust, prior=None), solution)
     problem = problem_of(model, equations, solution.known, believed.at(believed.belief.mean))
-    found = problem.nearest_to(solution, weak)
-    values = problem.base_of(found)
+    constrained = problem.nearest_to(solution, weak)
+    values = problem.base_of(constrained)
     distance = float(np.linalg.norm(solution.factor @ (values - solution.values)))
-    limits = [model.columns[k].name for k in found.zeros] + [problem.bodies[place].name for place in found.edges]
-    return NearestFeasible(values, problem.standard(found), distance, tuple(limits))
+    limits = [model.columns[k].name for k in constrained.zeros] + [
+        problem.bodies[place].name for place in constrained.edges
+    ]
+    return NearestFeasible(values, problem.standard(constrained), distance, tuple(limits))
 
 
-def move_where_free(model: Model, equations: Reduction, found: Fit, trust: Trust) -> Fit:
+def move_where_free(model: Model, equations: Reduction, fitted: Fit, trust: Trust) -> Fit:
     """Move a fit to the nearest feasible parameters where its error grows by less than `FREE`; else leave it.
 
-    Its covariance stays: the feasible set holds the truth and is convex, so that moving to it brings no estimate
+    The covariance stays. The feasible set holds the truth and is convex, so that moving to it brings no estimate
     farther from the truth, measured by that covariance, and intervals of the same width hold it as often.
+
+    Parameters
+    ----------
+    model : Model
+    equations : Reduction
+    fitted : Fit
+    trust : Trust
+
+    Returns
+    -------
+    Fit
     """
-    # What sits in some runs alone is a difference between them, and the question is whether it is there at all: held to
-    # bodies that can exist it would always seem to be.
+    # An effect of some runs alone, such as a payload, is a difference between runs, and the question is whether it
+    # exists at all. Constrained to a body that can exist, it would always seem to.
     if not bodies_of(model.columns) or any(column.runs for column in model.columns):
-        return found
+        return fitted
     try:
-        nearest = nearest_feasible(model, equations, found.solution, trust, WEAK)
+        nearest = nearest_feasible(model, equations, fitted.solution, trust, WEAK)
     except DynidentError:
-        return found
-    before, after = (errors(equations, values).rms_total for values in (found.solution.values, nearest.values))
+        return fitted
+    before, after = (errors(equations, values).rms_total for values in (fitted.solution.values, nearest.values))
     if not nearest.limits or after > FREE * before:
-        return found
-    return replace(found, solution=replace(found.solution, values=nearest.values), standard=nearest.standard)
+        return fitted
+    return replace(fitted, solution=replace(fitted.solution, values=nearest.values), standard=nearest.standard)
 
 
 def nearest(
     model: Model, problem: FeasibleProblem, believed: Believed, noise: FloatArray
 ) -> tuple[FeasibleProblem, Constrained]:
-    """The solution with the divergence in the cost, by Newton's method, and the problem as it looks there.
+    """Minimise the cost with the entropic prior by Newton's method.
 
-    The cost is convex and, the divergence being a logarithm's, Newton's method with steps cut back until they pay
-    settles from anywhere. Every step is a least-squares problem of the same kind.
+    The cost is convex. The divergence is a barrier like a logarithm's, so Newton's method with steps that are cut back
+    until they pay converges from anywhere. Every step is a least-squares problem of the same kind.
+
+    Returns
+    -------
+    tuple of FeasibleProblem and Constrained
+        The problem at the minimum, and its solution.
     """
     prior, unit = believed.entropic, problem.unit
     assert prior is not None
@@ -161,18 +199,20 @@ def nearest(
         divergence = prior.value(unit * values)
         return float(np.sum((data @ values - right) ** 2)) + divergence
 
-    # What the divergence says nothing of starts where the first step takes it.
+    # Bodies of the prior start at the description, where the cost is finite; all other parameters at the constrained
+    # least-squares solution.
     values = problem.solve(noise).values
     values[prior.columns] = believed.belief.mean[prior.columns] / unit[prior.columns]
     for _ in range(_MOST_STEPS):
         problem = problem_of(model, problem.equations, problem.known, believed.at(unit * values))
-        found = problem.solve(noise)
-        step = found.values - values
+        constrained = problem.solve(noise)
+        step = constrained.values - values
         rows, goal = problem.rows(noise, problem.known, problem.rest)
         slope = 2.0 * float((rows @ values - goal) @ (rows @ step))
         if slope > -_SETTLED:
-            return problem, replace(found, values=np.asarray(values))
+            return problem, replace(constrained, values=np.asarray(values))
         share, before = 1.0, cost(values)
+        # Backtracking (Armijo): halve the step until the cost falls by a share of what its slope promises.
         while cost(values + share * step) > before + _PAYS * share * slope and share > _SHORTEST:
             share *= 0.5
         values = values + share * step
@@ -187,25 +227,25 @@ def nearest(
 
 
 def _warnings(
-    model: Model, problem: FeasibleProblem, found: Constrained, equations: Reduction, unconstrained: Solution
+    model: Model, problem: FeasibleProblem, constrained: Constrained, equations: Reduction, unconstrained: Solution
 ) -> tuple[str, ...]:
-    """What physical feasibility holds back, and what it costs."""
-    told = []
-    at_zero = [model.columns[k].name for k in found.zeros]
+    """Name the active constraints, and what feasibility costs in the residual."""
+    sentences = []
+    at_zero = [model.columns[k].name for k in constrained.zeros]
     if at_zero:
-        told.append(f"Held at zero, below which nature allows nothing: {', '.join(at_zero)}.")
-    at_edge = [problem.bodies[place].name for place in found.edges]
+        sentences.append(f"Held at zero, below which nature allows nothing: {', '.join(at_zero)}.")
+    at_edge = [problem.bodies[place].name for place in constrained.edges]
     if at_edge:
-        told.append(
+        sentences.append(
             f"Held at the edge of what a body can be (no mass is negative anywhere in it): {', '.join(at_edge)}."
         )
-    if told:
-        told.append("Standard deviations take these limits as certain.")
+    if sentences:
+        sentences.append("Standard deviations take these limits as certain.")
     before = errors(equations, unconstrained.values).rms_total
-    after = errors(equations, problem.base_of(found)).rms_total
+    after = errors(equations, problem.base_of(constrained)).rms_total
     if before > 0 and after > FREE * before:
-        told.append(
+        sentences.append(
             f"Physical feasibility costs {after / before - 1:.0%} of the residual in the fit: the data want parameters "
             "that no robot has, because the motion does not determine them or an effect is missing."
         )
-    return tuple(told)
+    return tuple(sentences)

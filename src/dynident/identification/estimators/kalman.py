@@ -34,23 +34,24 @@ from dynident.regressors.model import Model
 from dynident.regressors.stream import reduce_recordings
 
 START = (0.25, 0.5, 1.0)
-"""Shares of the data that the filter's initial parameters come from: the first that determines them."""
+"""Shares of the data for the filter's initial parameters; the first share that determines them is used."""
 
-# The initial standard deviations are widened so many times: a short recording misjudges its own, and the filter sees
-# the same samples again.
+# Factor on the initial standard deviations: those of a short recording are unreliable, and the filter sees the same
+# samples again.
 _DOUBT = 5.0
-# The acceleration of the filtered motion is taken to be off by so many times its own size: for a place to linearise at,
-# not for a measurement.
+# Standard deviation of the acceleration over its own size: the filtered acceleration is where the model is linearised,
+# and no measurement.
 _UNKNOWN = 10.0
 # Position noise is not believed to be less than this, rad or m.
 _LEAST_NOISE = 1e-6
-# Torque error at the end over that of the initial parameters, and what is allowed beside it.
+# Largest torque error at the end, over that of the initial parameters, and in addition to it, for the filter not to
+# have diverged.
 _WORSE, _ALLOWED = 1.5, 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class _Initial:
-    """What the filter begins with: what is known of χ, the share of the data it is from, its residual (n,)."""
+    """Start of the filter: prior on χ, the share of the data that it comes from, and its residual (n,)."""
 
     share: float
     known: Information
@@ -60,13 +61,22 @@ class _Initial:
 def kalman(problem: Problem) -> Fit:
     """Estimate with an extended Kalman filter: state [q, q̇, χ], measured positions and torques, χ constant.
 
-    Initial parameters come from the beginning of the data by weighted least squares, widely doubted. The noises:
-    position noise from the spectrum of the positions, torque noise from that of the torque and from the residual of the
+    Initial parameters come from the beginning of the data by weighted least squares, with widened deviations. Position
+    noise is taken from the spectrum of the positions, torque noise from that of the torque and from the residual of the
     initial parameters. The filter goes through all of the data, unfiltered; it is linearised at the acceleration of the
     filtered motion.
 
-    Standard deviations are not those of the filter, which takes its noises for white and known: what its equations of
-    the parameters leave is judged as the residuals of least squares are, with its correlation in time, joint by joint.
+    Standard deviations are not those of the filter, which takes its noises for white and known. The residuals of its
+    equations of the parameters are judged as those of least squares are, with their correlation in time, joint by
+    joint.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    Fit
 
     Raises
     ------
@@ -85,26 +95,30 @@ def kalman(problem: Problem) -> Fit:
         raise diverged(f"its parameters end with a torque error of {after:.1%}, those it began with had {before:.1%}")
     noise = noise_levels(data.equations, values)
     solution = Solution(values, noise, weighted_factor(data.equations, noise, known)[:-1, :-1], known)
-    # Two rows an instant, of the torque and of the position: as much as one where the acceleration is unknown.
-    found = recursive_statistics(run.rows, values, initial.known)
-    worth = 0.5 * found.effective_rows
-    found = Statistics(found.covariance, worth, noise, freedom_of_rows(worth, len(values)))
-    late = _still_changing(run, found)
-    return Fit(replace(solution, converged=not late), found, _said(run, found, initial.share, late))
+    # Every instant has two rows, of the torque and of the position. As the acceleration is unknown, they are worth one.
+    uncertainty = recursive_statistics(run.rows, values, initial.known)
+    worth = 0.5 * uncertainty.effective_rows
+    uncertainty = Statistics(uncertainty.covariance, worth, noise, freedom_of_rows(worth, len(values)))
+    late = _still_changing(run, uncertainty)
+    return Fit(replace(solution, converged=not late), uncertainty, _said(run, uncertainty, initial.share, late))
 
 
-def _still_changing(run: KalmanRun, found: Statistics) -> int:
-    """How many parameters changed by more than a standard deviation over the last tenth of the data."""
+def _still_changing(run: KalmanRun, uncertainty: Statistics) -> int:
+    """Return how many parameters changed by more than a standard deviation over the last tenth of the data."""
     before = run.values[int(0.9 * len(run.times))]
-    change = np.abs(run.values[-1] - before) / np.maximum(found.standard_deviations, np.finfo(float).tiny)
+    change = np.abs(run.values[-1] - before) / np.maximum(uncertainty.standard_deviations, np.finfo(float).tiny)
     return int(np.count_nonzero(change > 1.0))
 
 
 def noise_of(data: Data, residual: FloatArray) -> KalmanNoise:
-    """Noises from the spectra of the recordings, and from the residual (n,) of the initial parameters."""
-    found = [spectra(recording) for recording in data.recordings]
-    position = np.max([np.sqrt(one.noise * 0.5 * one.rate) for one in found], axis=0)
-    floors = [np.sqrt(np.median(one.torque[one.frequency > 0.3 * one.rate], axis=0) * 0.5 * one.rate) for one in found]
+    """Return the noises from the spectra of the recordings, and from the residual (n,) of the initial parameters."""
+    spectra_of_all = [spectra(recording) for recording in data.recordings]
+    position = np.max([np.sqrt(spectrum.noise * 0.5 * spectrum.rate) for spectrum in spectra_of_all], axis=0)
+    # The torque's noise is the floor of its spectrum at high frequencies, where no motion is left.
+    floors = [
+        np.sqrt(np.median(spectrum.torque[spectrum.frequency > 0.3 * spectrum.rate], axis=0) * 0.5 * spectrum.rate)
+        for spectrum in spectra_of_all
+    ]
     blocks = [block for recording in data.recordings for block in filtered_blocks(recording, data.preprocessing)]
     squares = np.sum([np.sum(block.ddq[block.used] ** 2, axis=0) for block in blocks], axis=0)
     used = sum(int(np.count_nonzero(block.used)) for block in blocks)
@@ -116,20 +130,20 @@ def noise_of(data: Data, residual: FloatArray) -> KalmanNoise:
 
 
 def _beginning(recordings: tuple[Recording, ...], share: float) -> tuple[Recording, ...]:
-    """The first share of the data in seconds."""
+    """Return the first share of the data in seconds."""
     spans = [(recording, start, end) for recording in recordings for start, end in _spans(recording)]
-    left = share * sum(end - start for _, start, end in spans)
+    remaining = share * sum(end - start for _, start, end in spans)
     windows: dict[int, list[tuple[float, float]]] = {}
     for recording, start, end in spans:
-        cut = min(end, start + left)
-        left = max(0.0, left - (end - start))
+        cut = min(end, start + remaining)
+        remaining = max(0.0, remaining - (end - start))
         if cut - start > recording.period:
             windows.setdefault(id(recording), []).append((start, cut))
     return tuple(r.with_windows(tuple(windows[id(r)])) for r in recordings if id(r) in windows)
 
 
 def _spans(recording: Recording) -> Iterator[tuple[float, float]]:
-    """First and last time of what is used of every segment, s."""
+    """Yield the first and last time of the used part of every segment, s."""
     for segment in recording.segments:
         start, end = segment.start_time, segment.start_time + segment.length * recording.period
         for low, high in recording.windows or ((start, end),):
@@ -138,7 +152,7 @@ def _spans(recording: Recording) -> Iterator[tuple[float, float]]:
 
 
 def _initial(model: Model, data: Data, known: Information | None) -> _Initial:
-    """Weighted least squares on the beginning of the data; what was known beside the data is not doubted."""
+    """Solve the beginning of the data by weighted least squares; a prior keeps its certainty."""
     for share in START:
         first = _beginning(data.recordings, share)
         try:
@@ -148,26 +162,28 @@ def _initial(model: Model, data: Data, known: Information | None) -> _Initial:
         except EstimationError:
             if share == START[-1]:
                 raise
-    # Of full rank, as what is known beforehand has to be.
-    found = statistics(beginning, solution, "by_joint")
+    # The filter needs a covariance of full rank, which one from blocks of time may not have.
+    uncertainty = statistics(beginning, solution, "by_joint")
     c = len(solution.values)
-    start = known_values(solution.values, found.covariance * _DOUBT**2, np.arange(c), c)
+    start = known_values(solution.values, uncertainty.covariance * _DOUBT**2, np.arange(c), c)
     if known is not None:
+        # Widening divides the prior's rows by the factor, too. Adding this much of them gives them their full weight
+        # again.
         undoubted = np.sqrt(1.0 - 1.0 / _DOUBT**2)
         start = start.and_also(Information(undoubted * known.factor, undoubted * known.right))
-    return _Initial(share, start, found.noise)
+    return _Initial(share, start, uncertainty.noise)
 
 
-def _said(run: KalmanRun, found: Statistics, share: float, changing: int) -> tuple[str, ...]:
+def _said(run: KalmanRun, uncertainty: Statistics, share: float, changing: int) -> tuple[str, ...]:
     own = np.maximum(run.deviations[-1], np.finfo(float).tiny)
-    said = [
+    sentences = [
         f"The Kalman filter began with the first {share:.0%} of the data and saw {run.times[-1]:.1f} s. Its standard "
-        f"deviations are {np.median(found.standard_deviations / own):.2g} times those of its own covariance (median), "
-        "which takes what it leaves for white noise of the size that it expects.",
+        f"deviations are {np.median(uncertainty.standard_deviations / own):.2g} times those of its own covariance "
+        "(median), which takes what it leaves for white noise of the size that it expects.",
     ]
     if changing:
-        said.append(
+        sentences.append(
             f"{changing} parameters still changed by more than a standard deviation over the last "
             "tenth of the data: the filter has not converged; a longer recording helps."
         )
-    return tuple(said)
+    return tuple(sentences)

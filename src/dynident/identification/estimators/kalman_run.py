@@ -1,4 +1,4 @@
-"""The extended Kalman filter on its way through recordings."""
+"""The pass of an extended Kalman filter through recordings."""
 
 from __future__ import annotations
 
@@ -21,23 +21,25 @@ from dynident.regressors.folding import EquationRows, folded
 from dynident.regressors.model import Model
 from dynident.regressors.row_phases import RowPhases
 
-# Noise of the torque of a joint that stands still with friction, over that of others: it tells nothing.
+# Factor on the torque noise of a joint that stands still with friction: its torque tells nothing.
 _TELLS_NOTHING = 1e6
-# Squared innovations beyond so many times what is expected, so many samples in a row, are divergence; or on average.
+# The filter has diverged where squared innovations are so many times the expected ones in so many samples in a row; or
+# so many times on average.
 _LOST, _LOST_SAMPLES, _LOST_ON_AVERAGE = 1e6, 50, 1e3
+# Number of times at which the parameters are recorded.
 _KEPT = 200
-# Samples whose equations are folded at a time.
+# Samples whose equations are reduced at a time.
 _BLOCK = 1024
 
 
 @dataclass(frozen=True, eq=False)
 class KalmanRun:
-    """A filter's way through recordings.
+    """Record of a filter's pass through recordings.
 
     `times` (k,) in seconds of data that it has seen, `values` and `deviations` (k, b) of the parameters then by its own
     covariance, the last row at the end. `rows`: the equations of the parameters that the samples make, with noise of
-    size one if it is as assumed, one equation a joint with all parameters. `surprise`: squared innovations over what
-    the filter takes them for, on average.
+    size one if it is as assumed, one equation a joint with all parameters. `surprise`: mean ratio of the squared
+    innovations to those that the filter expects.
     """
 
     times: FloatArray
@@ -48,7 +50,20 @@ class KalmanRun:
 
 
 def run_filter(torque: TorqueFunction, model: Model, data: Data, start: Information, noise: KalmanNoise) -> KalmanRun:
-    """Let a filter that begins with what `start` says of χ run through the recordings.
+    """Let a filter that begins with a prior on χ run through the recordings.
+
+    Parameters
+    ----------
+    torque : TorqueFunction
+    model : Model
+    data : Data
+    start : Information
+        Prior on χ.
+    noise : KalmanNoise
+
+    Returns
+    -------
+    KalmanRun
 
     Raises
     ------
@@ -73,7 +88,7 @@ def run_filter(torque: TorqueFunction, model: Model, data: Data, start: Informat
 
 
 class _Way:
-    """The filter on its way through the recordings: what it knows, and what is kept of it."""
+    """State of the filter on its pass through the recordings, and the record of its parameters."""
 
     def __init__(
         self, torque: TorqueFunction, model: Model, data: Data, start: Information, noise: KalmanNoise
@@ -88,58 +103,59 @@ class _Way:
         self.keep()
 
     def keep(self) -> None:
-        """Keep what it knows now."""
+        """Record the parameters and their deviations now."""
         self.kept.append((self.seen, self.values, np.sqrt(np.maximum(np.diag(self.covariance), 0.0))))
 
     def rows_of(self, recording: Recording) -> Iterator[EquationRows]:
-        """The equations of χ that the samples of a recording make, stretch by stretch."""
+        """Yield the equations of χ that the samples of a recording make, block by block."""
         phases = RowPhases.of(self._model.observation, recording, self._data.preprocessing)
         times: list[float] = []
         rows: list[FloatArray] = []
-        one: KalmanFilter | None = None
+        kalman: KalmanFilter | None = None
         segment = -1
         for now in _samples(recording, self._data.preprocessing, phases):
             if times and (now.place == 0 or len(times) >= _BLOCK):
                 yield self._equations(times, rows, segment)
                 times, rows = [], []
+            # A filter begins anew with every unbroken piece: positions and velocities jump, the parameters go on.
             if now.place == 1:
                 segment = now.segment
-                one = KalmanFilter(self._torque, recording.period, self._noise, self.values, self.covariance)
-                one.begin(now.before, now.q, now.tau, now.ddq, now.doubt)
+                kalman = KalmanFilter(self._torque, recording.period, self._noise, self.values, self.covariance)
+                kalman.begin(now.before, now.q, now.tau, now.ddq, now.doubt)
             elif now.place > 1:
-                assert one is not None
-                rows.append(self._stepped(one, now, recording).rows)
+                assert kalman is not None
+                rows.append(self._stepped(kalman, now, recording).rows)
                 times.append(now.t)
         if times:
             yield self._equations(times, rows, segment)
 
     def _equations(self, times: list[float], rows: list[FloatArray], segment: int) -> EquationRows:
-        """A row of the torque and one of the position for every joint and instant."""
-        n, found = self._model.robot.n, np.array(rows)
-        both = [found[:, [joint, n + joint]].reshape(-1, found.shape[2]) for joint in range(n)]
+        """Return a row of the torque and one of the position for every joint and instant."""
+        n, samples = self._model.robot.n, np.array(rows)
+        both = [samples[:, [joint, n + joint]].reshape(-1, samples.shape[2]) for joint in range(n)]
         return EquationRows(np.repeat(times, 2), both, segment)
 
-    def _stepped(self, one: KalmanFilter, now: _Sample, recording: Recording) -> KalmanSample:
+    def _stepped(self, kalman: KalmanFilter, now: _Sample, recording: Recording) -> KalmanSample:
         try:
-            made = one.step(now.q, now.tau, now.ddq, now.doubt)
+            step = kalman.step(now.q, now.tau, now.ddq, now.doubt)
         except EstimationError as error:
             raise diverged(f"at t = {now.t:.2f} s of {recording.name} {error.detail}") from error
-        self._lost = self._lost + 1 if made.surprise > _LOST else 0
-        if self._lost > _LOST_SAMPLES or not np.isfinite(one.values).all():
+        self._lost = self._lost + 1 if step.surprise > _LOST else 0
+        if self._lost > _LOST_SAMPLES or not np.isfinite(kalman.values).all():
             raise diverged(f"from t = {now.t:.2f} s of {recording.name} on it does not follow the motion any more")
-        self.values, self.covariance = one.values, one.covariance
+        self.values, self.covariance = kalman.values, kalman.covariance
         self.seen += recording.period
         self.samples += 1
-        self.surprise += made.surprise
+        self.surprise += step.surprise
         if self.samples % self._gap == 0:
             self.keep()
-        return made
+        return step
 
 
 class _Sample(NamedTuple):
-    """A used sample: its place in its unbroken stretch, position of the sample before, q, tau and rough q̈ (n,).
+    """A used sample: its place in its unbroken piece, position of the sample before, q, tau and rough q̈ (n,).
 
-    `doubt` (n,): times its noise that a joint's torque may be off by; where the joint stands it tells nothing.
+    `doubt` (n,): factor on the noise of a joint's torque; large where the joint stands.
     """
 
     t: float
@@ -153,7 +169,7 @@ class _Sample(NamedTuple):
 
 
 def _samples(recording: Recording, filters: Preprocessing, phases: RowPhases) -> Iterator[_Sample]:
-    """Measured positions and torques, unfiltered, beside the acceleration of the filtered motion."""
+    """Yield measured positions and torques, unfiltered, with the acceleration of the filtered motion."""
     raw = (q for block in filtered_blocks(recording, Preprocessing(None, None)) for q in block.q)
     place = -1
     before = np.zeros(recording.n)
@@ -170,7 +186,7 @@ def _samples(recording: Recording, filters: Preprocessing, phases: RowPhases) ->
 
 
 def diverged(how: str) -> EstimationError:
-    """The error of a filter that does not follow the data."""
+    """Return the error of a filter that does not follow the data."""
     return EstimationError(
         f"the Kalman filter diverged: {how}. Begin with better values (the prior description, a longer recording), or "
         "use wls",

@@ -1,4 +1,4 @@
-"""The motion of a recording, for a simulated robot to follow."""
+"""The recorded motion, as a reference that a simulated robot follows."""
 
 from __future__ import annotations
 
@@ -30,22 +30,38 @@ class RecordedMotion:
 
 
 def whole_segments(recording: Recording, preprocessing: Preprocessing) -> tuple[RecordedMotion, ...]:
-    """The motion of every segment from its first sample to its last, inside the windows or not.
+    """Return the motion of every segment from its first sample to its last, inside the windows or not.
+
+    Parameters
+    ----------
+    recording : Recording
+    preprocessing : Preprocessing
+
+    Returns
+    -------
+    tuple of RecordedMotion
 
     Raises
     ------
     DynidentError
         For a cut-off above the Nyquist frequency.
     """
-    found = []
+    motions = []
     for segment in range(len(recording.segments)):
         blocks = filtered_blocks(recording, preprocessing, segments=[segment])
-        found.append(_motion(recording, segment, [_rows(block) for block in blocks]))
-    return tuple(found)
+        motions.append(_motion(recording, segment, [_rows(block) for block in blocks]))
+    return tuple(motions)
 
 
 def longest_stretch(recording: Recording, preprocessing: Preprocessing, longest: float) -> RecordedMotion:
-    """The longest unbroken stretch of used samples, cut to at most `longest` seconds.
+    """Return the longest unbroken piece of used samples, cut to at most `longest` seconds.
+
+    Parameters
+    ----------
+    recording : Recording
+    preprocessing : Preprocessing
+    longest : float
+        In s.
 
     Raises
     ------
@@ -54,10 +70,11 @@ def longest_stretch(recording: Recording, preprocessing: Preprocessing, longest:
     """
     best: list[_Rows] = []
     run: list[_Rows] = []
-    kept, length, segment_of_best = 0, 0, 0
+    longest_length, length, segment_of_best = 0, 0, 0
     for block in filtered_blocks(recording, preprocessing):
         if block.starts_segment:
             run, length = [], 0
+        # Samples come in blocks, and a piece may go on from one block to the next.
         borders = np.flatnonzero(np.diff(block.used)) + 1
         for first, last in zip([0, *borders], [*borders, len(block.t)], strict=True):
             if first == last or not block.used[first]:
@@ -65,9 +82,9 @@ def longest_stretch(recording: Recording, preprocessing: Preprocessing, longest:
                 continue
             run = [*run, _rows(block, slice(first, last))]
             length += last - first
-            if length > kept:
-                best, kept, segment_of_best = run, length, block.segment
-    if kept < 2:
+            if length > longest_length:
+                best, longest_length, segment_of_best = run, length, block.segment
+    if longest_length < 2:
         raise DynidentError(
             f"{recording.name} has no unbroken stretch of samples inside its windows",
             pointer="/windows",
@@ -82,7 +99,7 @@ def _rows(block: SampleBlock, part: slice = _EVERYTHING) -> _Rows:
 
 
 def _motion(recording: Recording, segment: int, pieces: list[_Rows], longest: float = np.inf) -> RecordedMotion:
-    """Consecutive pieces of a segment as one motion, cut to at most `longest` seconds."""
+    """Join consecutive pieces of a segment to one motion, cut to at most `longest` seconds."""
     t, q, dq, ddq, tau, heat = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
     inside = t <= t[0] + longest
     temperature = heat[inside] if recording.has_temperature else None

@@ -2,7 +2,7 @@
 
 A contact or a glitch of the torque is no noise: squared, a hundredth of the rows can outweigh all others. Every row of
 every joint's torque gets a weight from its own residual (see `estimation.robust`), from Huber's function to convergence
-and then from the bisquare. The last solution is that of least squares on pseudo-observations ŷ + ψ(e) / mean ψ', whose
+and then from the bisquare. The last solution is that of least squares on pseudo-observations ŷ + ψ(e) / mean ψ'. Its
 cluster-robust covariance is that of the robust estimate: residuals stay correlated and are not counted as independent.
 """
 
@@ -29,13 +29,24 @@ from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce
 _MOST_ROUNDS = 15
 # A round that moves no parameter by more than this share of its standard deviation is the last.
 _SETTLED = 0.05
+# A row with less weight than this counts as given up.
 _REJECTED = 0.1
+# Share of rows given up from which on the user is told.
 _NOTABLE = 0.002
+# Intervals that are named, at most, and the gap in s that one may have.
 _MOST_SPANS, _GAP = 3, 0.5
 
 
 def reweighted(problem: Problem) -> Fit:
-    """Robust estimates from the rows of all joints' torques.
+    """Return robust estimates from the rows of all joints' torques.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    Fit
 
     Raises
     ------
@@ -46,23 +57,26 @@ def reweighted(problem: Problem) -> Fit:
     _check(data)
     passes = _Passes(model, data)
     first = weighted(data.equations, known)
-    # Where something is known beside the data, rows count for what they are worth as independent samples.
+    # Against a prior, correlated rows must not count as independent samples: their noise is raised to what they are
+    # worth.
     share = np.ones(len(first.noise))
     if known is not None:
         share = doubtful_noise(data.equations, first.values) / noise_levels(data.equations, first.values)
     values, converged = first.values, True
+    # Huber's function has a single minimum, so it finds the start for the bisquare, which has several but ignores
+    # outliers.
     for influence in (HUBER, BISQUARE):
         values, converged = _settled(passes, values, influence, share, known)
     sigma = robust_scale(passes.residuals(values))
-    found = passes.pseudo_observations(values, sigma, BISQUARE)
-    solution = replace(solve(found, floored(sigma) * share, known), converged=converged)
-    return Fit(solution, statistics(found, solution, problem.covariance), passes.told(values, sigma))
+    pseudo = passes.pseudo_observations(values, sigma, BISQUARE)
+    solution = replace(solve(pseudo, floored(sigma) * share, known), converged=converged)
+    return Fit(solution, statistics(pseudo, solution, problem.covariance), passes.told(values, sigma))
 
 
 def _settled(
     passes: _Passes, values: FloatArray, influence: Influence, share: FloatArray, known: Information | None
 ) -> tuple[FloatArray, bool]:
-    """χ after as many rounds of reweighting as it takes, at most fifteen; and whether they were enough."""
+    """Reweight until χ settles, in at most fifteen rounds; return it, and whether it settled."""
     for _ in range(_MOST_ROUNDS):
         sigma = floored(robust_scale(passes.residuals(values)))
         rows = passes.reduced(values, sigma, influence)
@@ -99,47 +113,48 @@ class _Passes:
     data: Data
 
     def residuals(self, values: FloatArray) -> FloatArray:
-        """(m, n): y - ŷ of all rows for parameters (b,), not a number where a row is left out."""
-        found = [
+        """Return y - ŷ of all rows (m, n) for parameters (b,), NaN where a row is left out."""
+        residuals = [
             self._counted(recording, samples, values)
             for recording in self.data.recordings
             for samples in self._samples(recording)
         ]
-        return np.concatenate(found) if found else np.zeros((0, self.model.robot.n))
+        return np.concatenate(residuals) if residuals else np.zeros((0, self.model.robot.n))
 
     def _counted(self, recording: Recording, samples: FilteredSamples, values: FloatArray) -> FloatArray:
-        """Residuals (m, n); not a number where a joint stands or turns round, whose rows are left out."""
+        """Return the residuals (m, n); NaN where a joint stands or reverses, whose rows are left out."""
         rest = self._residual(samples, values)
         phases = RowPhases.of(self.model.observation, recording, self.data.preprocessing)
         rest[~phases.used(samples.segment, samples.t)] = np.nan
         return rest
 
     def reduced(self, values: FloatArray, sigma: FloatArray, influence: Influence) -> Reduction:
-        """The equations with every row times the root of its weight at parameters (b,) and scales (n,)."""
+        """Return the equations with every row times the root of its weight at parameters (b,) and scales (n,)."""
         rows = self.model.observation.entry_rows
 
-        def weighed(samples: FilteredSamples) -> FilteredSamples:
+        def weigh(samples: FilteredSamples) -> FilteredSamples:
             root = np.sqrt(influence.weight(self._residual(samples, values) / sigma))
             return replace(samples, values=samples.values * root[:, rows], tau=samples.tau * root)
 
-        return self._reduce(weighed)
+        return self._reduce(weigh)
 
     def pseudo_observations(self, values: FloatArray, sigma: FloatArray, influence: Influence) -> Reduction:
-        """The equations of the pseudo-observations ŷ + ψ(e) / mean ψ', weights 1."""
+        """Return the equations of the pseudo-observations ŷ + ψ(e) / mean ψ', with weights 1."""
         safe = floored(sigma)
         slope = influence.slope(self.residuals(values) / safe)
         counted = np.isfinite(slope)
         slope = np.where(counted, slope, 0.0).sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
 
-        def mended(samples: FilteredSamples) -> FilteredSamples:
+        def replace_torque(samples: FilteredSamples) -> FilteredSamples:
             rest = self._residual(samples, values)
-            kept = influence.weight(rest / safe) * rest / np.maximum(slope, 0.1)
-            return replace(samples, tau=samples.tau - rest + kept)
+            # A small mean slope would blow up the pseudo-observations, so it is bounded from below.
+            influenced = influence.weight(rest / safe) * rest / np.maximum(slope, 0.1)
+            return replace(samples, tau=samples.tau - rest + influenced)
 
-        return self._reduce(mended)
+        return self._reduce(replace_torque)
 
     def told(self, values: FloatArray, sigma: FloatArray) -> tuple[str, ...]:
-        """Which rows were given up, in words."""
+        """Return a warning that names the rows that were given up; nothing where they are few."""
         safe = floored(sigma)
         weights, times = [], []
         for recording in self.data.recordings:
@@ -167,9 +182,9 @@ class _Passes:
         )
 
     def _samples(self, recording: Recording) -> Iterator[FilteredSamples]:
-        kept = None if self.data.rows is None else self.data.rows.of(recording, self.data.preprocessing)
-        if kept is not None:
-            yield from kept
+        in_memory = None if self.data.rows is None else self.data.rows.of(recording, self.data.preprocessing)
+        if in_memory is not None:
+            yield from in_memory
             return
         data = self.data
         phases = RowPhases.of(self.model.observation, recording, data.preprocessing)
@@ -182,13 +197,13 @@ class _Passes:
 
 
 def _spans(places: list[tuple[str, float]]) -> list[str]:
-    """The stretches of time that hold most of these places (recording, time), the fullest first."""
-    found: list[tuple[int, str, float, float]] = []
+    """Return the intervals that hold most of these places (recording, time), the fullest first."""
+    spans: list[tuple[int, str, float, float]] = []
     for name, time in places:
-        if found and found[-1][1] == name and 0 <= time - found[-1][3] <= _GAP:
-            count, _, start, _ = found.pop()
-            found.append((count + 1, name, start, time))
+        if spans and spans[-1][1] == name and 0 <= time - spans[-1][3] <= _GAP:
+            count, _, start, _ = spans.pop()
+            spans.append((count + 1, name, start, time))
         else:
-            found.append((1, name, time, time))
-    most = sorted(found, key=lambda span: -span[0])[:_MOST_SPANS]
+            spans.append((1, name, time, time))
+    most = sorted(spans, key=lambda span: -span[0])[:_MOST_SPANS]
     return [f"{start:.1f} to {end:.1f} s of {name}" for _, name, start, end in most]

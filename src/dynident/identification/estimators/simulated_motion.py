@@ -20,19 +20,19 @@ BANDWIDTH = 15.0
 """Natural frequency in Hz of the simulated joint control; the links' torque is fed forward."""
 
 _CONTROLLER = Controller(bandwidth=BANDWIDTH, largest_lag=5e-4)
-# s: positions within 1e-5 rad of those of the finest step, at a third of its time.
+# s: positions are within 1e-5 rad of those with the finest step, in a third of the computing time.
 _STEP = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedMotion:
-    """One recording as the simulated robot makes it: q, dq, ddq (m, n) of each segment, sample for sample."""
+    """The simulated motion along a recording: q, dq, ddq (m, n) of each segment, sample for sample."""
 
     recording: Recording
     segments: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
 
     def block(self, measured: SampleBlock) -> SampleBlock:
-        """A block of the recording with the simulated motion in place of the measured one."""
+        """Return a block of the recording with the simulated motion in place of the measured one."""
         rate = self.recording.sampling_rate
         first = round((measured.t[0] - self.recording.segments[measured.segment].start_time) * rate)
         rows = slice(first, first + len(measured.t))
@@ -43,15 +43,22 @@ class SimulatedMotion:
 
 
 def movable_simulator(model: Model, values: FloatArray) -> Simulator:
-    """A simulator with these base parameters (b,), or as near to them as moves.
+    """Return a simulator with these base parameters (b,), or with links that can move.
 
-    Where the inertia matrix is not positive definite the links of the description stand in.
+    Where the inertia matrix is not positive definite, the links of the description are used instead.
+
+    Parameters
+    ----------
+    model : Model
+    values : (b,)
 
     Raises
     ------
     DynidentError
         Where neither the parameters nor the description make a robot that can move.
     """
+    # Without a positive definite inertia matrix the equation of motion has no solution that a controller could
+    # follow.
     links = None
     if not smallest_inertia_eigenvalue(model, values) > 0:
         links = model.robot.inertias
@@ -68,6 +75,13 @@ def movable_simulator(model: Model, values: FloatArray) -> Simulator:
 
 def simulated_motion(simulator: Simulator, recording: Recording, motions: Sequence[RecordedMotion]) -> SimulatedMotion:
     """Let the simulated robot follow the motion of a recording's segments.
+
+    Parameters
+    ----------
+    simulator : Simulator
+    recording : Recording
+    motions : sequence of RecordedMotion
+        One for each segment.
 
     Raises
     ------

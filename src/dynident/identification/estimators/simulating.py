@@ -1,8 +1,8 @@
 """Estimators whose regressors come from a simulation of the identified robot: IDIM-IV and DIDIM.
 
 The simulated robot follows the motion of the recordings under closed loop (Gautier, Janot and Vandanjon 2013), so that
-its positions are near the true ones and free of the encoders' noise. Where a recording carries no reference, the robot
-is given the measured positions behind a low-pass.
+its positions are near the true ones and free of the encoders' noise. Where a recording has no commanded motion, the
+robot follows the measured positions behind a low-pass filter.
 """
 
 from __future__ import annotations
@@ -32,23 +32,34 @@ from dynident.regressors.model import Model
 from dynident.regressors.row_phases import RowPhases
 from dynident.regressors.stream import SampleFunction, parallel_filtered, reduce_recordings
 
-# Harmonics of the motion that the reference of instruments keeps: what is left of the noise in it biases the estimate.
+# Times the band of the motion that the reference of instruments keeps: noise that remains in it biases the estimate.
 _HARMONICS = 4.0
+# Largest cut-off of a filter as a share of the Nyquist frequency.
 _NYQUIST_SHARE = 0.7
 # Change of the estimates, in their standard deviations, below which they have settled; and rounds at most.
 _SETTLED, _ROUNDS = 0.05, 10
+# Smallest correlation between simulated and measured columns for instruments that are not weak.
 _STRONG = 0.7
 
 
 def instrumental_variables(problem: Problem) -> Fit:
-    """Instrumental variables [Gautier, Janot and Vandanjon 2013]: Z from simulation, W measured, all filtered alike.
+    """Estimate by instrumental variables [Gautier, Janot and Vandanjon 2013]: Z from simulation, W measured.
 
-    Simulation and estimate alternate until the estimates change by less than a twentieth of a standard deviation.
+    All are filtered alike. Simulation and estimate alternate until the estimates change by less than a twentieth of a
+    standard deviation.
 
-    Noise that adds to W is removed from the estimates; what it does beyond that is not: the sign of a velocity that is
+    Noise that adds to W is removed from the estimates. What it does beyond that is not: the sign of a velocity that is
     mostly noise is a smaller column of friction, whatever the instruments. Positions need a filter behind which the
     noise of velocities is small beside velocities; that of accelerations may be large. Standard deviations are on the
     safe side there: the noise in W is less correlated than independent samples would be, and counts as these.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    Fit
 
     Raises
     ------
@@ -59,29 +70,37 @@ def instrumental_variables(problem: Problem) -> Fit:
     references = _references(data, _HARMONICS * motion_band(data.recordings))
     strength = 1.0
 
-    def solved(both: Reduction) -> Fit:
+    def solve(both: Reduction) -> Fit:
         nonlocal strength
-        found = instrumental(both, known, problem.covariance)
-        strength = found.strength
-        return Fit(found.solution, found.statistics)
+        instrumented = instrumental(both, known, problem.covariance)
+        strength = instrumented.strength
+        return Fit(instrumented.solution, instrumented.statistics)
 
-    settled = _alternated(model, data, references, known, solved)
-    said = (
+    settled = _alternated(model, data, references, known, solve)
+    summary = (
         f"Instrumental variables from a simulated robot ({BANDWIDTH:g} Hz of control bandwidth) that follows "
         f"{references.words}; settled after {settled.rounds} rounds; the weakest correlation "
         f"between simulated and measured columns is {strength:.3f}."
     )
-    warnings = (said, *references.warnings, *settled.warnings)
+    warnings = (summary, *references.warnings, *settled.warnings)
     if strength < _STRONG:
         warnings += ("The instruments are weak in some direction: the standard deviations there are rough.",)
     return Fit(settled.fit.solution, settled.fit.statistics, warnings)
 
 
 def output_error(problem: Problem) -> Fit:
-    """DIDIM, closed-loop output error on the torque: min over χ of |Y - W(q_s(χ)) χ|, q_s simulated with χ.
+    """Estimate by DIDIM, closed-loop output error on the torque: min over χ of |Y - W(q_s(χ)) χ|, q_s simulated.
 
-    The Gauss-Newton step takes the simulated positions for fixed (they hardly depend on χ under closed loop), so each
-    is a weighted least-squares solution with the columns of the simulated motion alone: only Y is measured.
+    The Gauss-Newton step takes the simulated positions for fixed, as they hardly depend on χ under closed loop. So each
+    step is a weighted least-squares solution with the columns of the simulated motion alone: only Y is measured.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    Fit
 
     Raises
     ------
@@ -93,25 +112,25 @@ def output_error(problem: Problem) -> Fit:
     c = model.n_parameters
     error = 0.0
 
-    def solved(both: Reduction) -> Fit:
+    def solve(both: Reduction) -> Fit:
         nonlocal error
         simulated = both.select(np.arange(c))
         solution = weighted(simulated, known)
-        found = statistics(simulated, solution, problem.covariance)
-        error = float(np.sqrt(np.mean(found.noise**2)))
-        return Fit(solution, found)
+        uncertainty = statistics(simulated, solution, problem.covariance)
+        error = float(np.sqrt(np.mean(uncertainty.noise**2)))
+        return Fit(solution, uncertainty)
 
-    settled = _alternated(model, data, references, known, solved)
-    said = (
+    settled = _alternated(model, data, references, known, solve)
+    summary = (
         f"Output error: torque simulated along {references.words} under a control bandwidth of {BANDWIDTH:g} Hz; "
         f"settled after {settled.rounds} rounds at a simulated torque error of {error:.3g} rms."
     )
-    return Fit(settled.fit.solution, settled.fit.statistics, (said, *references.warnings, *settled.warnings))
+    return Fit(settled.fit.solution, settled.fit.statistics, (summary, *references.warnings, *settled.warnings))
 
 
 @dataclass(frozen=True, eq=False)
 class _References:
-    """What simulated robots follow: the segments of every recording; in words; what the user must know of it."""
+    """References of simulated robots: the segments of every recording, a description in words, and warnings."""
 
     motions: list[tuple[RecordedMotion, ...]]
     words: str
@@ -119,22 +138,23 @@ class _References:
 
 
 def _references(data: Data, measured: float | None) -> _References:
-    """The commanded motions where they are recorded and were followed; else the measured ones below `measured` Hz.
+    """Return the commanded motions where they are recorded and were followed, else the measured ones.
 
-    Commands hold no noise of encoders, and may be taken up to what the data's own filter leaves.
+    These are filtered below `measured` Hz. Commands hold no noise of encoders, and may be taken up to what the data's
+    own filter leaves.
     """
     cutoff, wide = _cutoff(data, measured), _cutoff(data, None)
     motions, warnings, delays = [], [], []
     for recording in data.recordings:
-        found = commanded_motion(recording, Preprocessing(wide, None, 1)) if recording.has_command else None
-        if found is not None and found.followed:
-            motions.append(found.segments)
-            delays.append(float(np.abs(found.delay).max()))
+        command = commanded_motion(recording, Preprocessing(wide, None, 1)) if recording.has_command else None
+        if command is not None and command.followed:
+            motions.append(command.segments)
+            delays.append(float(np.abs(command.delay).max()))
             continue
         motions.append(whole_segments(recording, Preprocessing(cutoff, None, 1)))
-        if found is not None:
-            how = f"even delayed, they are off the measured ones by {found.rest:.0%} of the motion"
-            why = how if np.isfinite(found.rest) else "not all of them are numbers"
+        if command is not None:
+            how = f"even delayed, they are off the measured ones by {command.rest:.0%} of the motion"
+            why = how if np.isfinite(command.rest) else "not all of them are numbers"
             warnings.append(f"The commanded positions of {recording.name} are not used: {why}.")
     words = []
     if delays:
@@ -152,32 +172,33 @@ class _Settled:
 
 
 def _alternated(
-    model: Model, data: Data, references: _References, known: Information | None, solved: Callable[[Reduction], Fit]
+    model: Model, data: Data, references: _References, known: Information | None, solve: Callable[[Reduction], Fit]
 ) -> _Settled:
-    """Simulate with the last estimates, solve with what was simulated, and so on until the estimates settle."""
+    """Simulate with the last estimates, solve with the simulated motion, and repeat until the estimates settle."""
     values = _first_estimate(model, data, known)
     change = np.inf
-    found: Fit | None = None
+    fitted: Fit | None = None
     for number in range(1, _ROUNDS + 1):
-        found = solved(_beside_simulated(model, data, _simulated(model, data, references.motions, values)))
-        deviations = np.maximum(found.statistics.standard_deviations, np.finfo(float).tiny)
-        change = float(np.max(np.abs(found.solution.values - values) / deviations))
-        values = found.solution.values
+        fitted = solve(_beside_simulated(model, data, _simulated(model, data, references.motions, values)))
+        deviations = np.maximum(fitted.statistics.standard_deviations, np.finfo(float).tiny)
+        change = float(np.max(np.abs(fitted.solution.values - values) / deviations))
+        values = fitted.solution.values
         if change < _SETTLED:
-            return _Settled(found, number, ())
-    assert found is not None
+            return _Settled(fitted, number, ())
+    assert fitted is not None
     unsettled = (
         f"The estimates have not settled after {_ROUNDS} rounds of simulation: the last changed one of them by "
         f"{change:.2g} of its standard deviations."
     )
-    restless = replace(found, solution=replace(found.solution, converged=False))
+    restless = replace(fitted, solution=replace(fitted.solution, converged=False))
     return _Settled(restless, _ROUNDS, (unsettled,))
 
 
 def _first_estimate(model: Model, data: Data, known: Information | None) -> FloatArray:
-    """Weighted least squares behind the filters that the data themselves ask for: good enough to simulate with.
+    """Solve by weighted least squares behind the filters that the data ask for: good enough to simulate with.
 
-    Filters that leave much noise, which is what instruments are for, would make the first robot too light to control.
+    With filters that leave much noise, which is what instruments are for, the first robot would be too light to
+    control.
     """
     own = choose_preprocessing(data.recordings)
     if own.position_cutoff == data.preprocessing.position_cutoff:
@@ -202,7 +223,7 @@ def _simulated(
 
 
 def _beside_simulated(model: Model, data: Data, motions: list[SimulatedMotion]) -> Reduction:
-    """Rows [Z | W | Y], Z of the simulated motion, all behind the same filters; 2 b columns."""
+    """Return rows [Z | W | Y], Z of the simulated motion, all behind the same filters; 2 b columns."""
     observation, b = model.observation, model.n_parameters
     layout = [observation.joint_entries(joint) for joint in range(observation.robot.n)]
     n_entries = len(observation.entry_rows)
@@ -214,6 +235,8 @@ def _beside_simulated(model: Model, data: Data, motions: list[SimulatedMotion]) 
         motion = of_recording[id(recording)]
         phases = RowPhases.of(observation, recording, data.preprocessing)
 
+        # Simulated and measured columns go through the filters together, so that the instruments have the same delay
+        # and band.
         def values(block: SampleBlock) -> FloatArray:
             return np.hstack([simulated(motion.block(block)), measured(block), block.tau])
 
@@ -229,8 +252,8 @@ def _beside_simulated(model: Model, data: Data, motions: list[SimulatedMotion]) 
     return folded(rows_of, columns, 2 * b, data.recordings)
 
 
-def _cutoff(data: Data, wanted: float | None) -> float:
-    """Hz, as wanted (None: all) but below what the sampling rate and the chosen filter of positions leave."""
+def _cutoff(data: Data, wish: float | None) -> float:
+    """Return the wished cut-off in Hz (None: all), but below what the sampling rate and the position filter leave."""
     rate = min(recording.sampling_rate for recording in data.recordings)
     own = data.preprocessing.position_cutoff
-    return float(min(np.inf if wanted is None else wanted, _NYQUIST_SHARE * 0.5 * rate, np.inf if own is None else own))
+    return float(min(np.inf if wish is None else wish, _NYQUIST_SHARE * 0.5 * rate, np.inf if own is None else own))

@@ -1,8 +1,9 @@
 """A simulator of the robot with identified parameters: it follows a recorded motion under joint control.
 
-All that simulate an identified model do it here, on the one virtual robot: its equation of motion, its friction at
-standstill and its controller. What they choose is how finely and how stiffly. Estimators simulate round after round and
-need positions near the recorded ones; a validation simulates once, and asks whether an ordinary controller is enough.
+Estimators and validations simulate an identified model on the same virtual robot, with its equation of motion, its
+friction at standstill and its controller. They choose only the step and the stiffness of the controller. Estimators
+simulate round after round and need positions near the recorded ones. A validation simulates once, and asks whether an
+ordinary controller is enough.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from dynident.simulation.virtual_robot import LONGEST_STEP
 class Simulator:
     """A virtual robot, and the base parameters (b,) that it really has.
 
-    They are those identified but for friction and rotors below zero, which no robot has: these are zero.
+    They are the identified ones, but for friction and rotors below zero, which no robot has: these are zero.
     """
 
     robot: VirtualRobot
@@ -35,6 +36,15 @@ class Simulator:
 
     def follow(self, motion: RecordedMotion, progress: Progress = silent) -> Measurement:
         """Let the robot follow a recorded motion, sampled like it and without noise.
+
+        Parameters
+        ----------
+        motion : RecordedMotion
+        progress : Progress
+
+        Returns
+        -------
+        Measurement
 
         Raises
         ------
@@ -53,7 +63,7 @@ def simulator_of(
     controller: Controller | None = None,
     longest_step: float = LONGEST_STEP,
 ) -> Simulator:
-    """The virtual robot with these base parameters.
+    """Build the virtual robot with these base parameters.
 
     Parameters
     ----------
@@ -72,7 +82,7 @@ def simulator_of(
     """
     robot = model.robot
     standard = possible_standard(model, values)
-    # What the model says nothing of, the description says.
+    # Links that the model leaves out keep the inertia of the description.
     inertias, rotors = model.standard_inertia(values).reshape(-1, 10).copy(), np.zeros(robot.n)
     for k, column in enumerate(model.columns):
         if role_of(column) == "link":
@@ -81,7 +91,7 @@ def simulator_of(
         elif role_of(column) == "rotor":
             standard[k] = standard[k] if links is None else 0.0
             rotors[robot.joint_names.index(column.link)] = standard[k]
-    turning = [one for one in on_each_joint(robot, *ROTOR_INERTIA, rotors) if one.values[0][1] > 0]
+    turning = [rotor for rotor in on_each_joint(robot, *ROTOR_INERTIA, rotors) if rotor.values[0][1] > 0]
     virtual = VirtualRobot(
         _tireless(robot),
         [*turning, *_other_effects(model, standard)],
@@ -93,9 +103,14 @@ def simulator_of(
 
 
 def possible_standard(model: Model, values: FloatArray) -> FloatArray:
-    """Standard parameters (c,) of all columns, with these base parameters (b,) as far as signs allow.
+    """Return standard parameters (c,) of all columns with these base parameters (b,), as far as signs allow.
 
     Of rotors and links only sums are determined, so a rotor may have come out below zero: the links take that over.
+
+    Parameters
+    ----------
+    model : Model
+    values : (b,)
     """
     inertias = model.standard_inertia(values).reshape(-1, 10)
     rotors = model.reference(values).rotors
@@ -114,13 +129,15 @@ def possible_standard(model: Model, values: FloatArray) -> FloatArray:
     standard[impossible] = 0.0
     links = [k for k, column in enumerate(model.columns) if role_of(column) == "link"]
     if impossible and links:
+        # The smallest change of the links that gives the base parameters back, now that some parameters were set to
+        # zero.
         gap = values - model.base.grouping @ standard
         standard[links] += np.linalg.pinv(model.base.grouping[:, links], rcond=1e-9) @ gap
     return standard
 
 
 def _tireless(robot: Robot) -> Robot:
-    """The robot without effort limits: the real one has made the motion, whatever they are said to be."""
+    """Return the robot without effort limits: the real one has made the motion, whatever its limits are said to be."""
     return replace(robot, joints=tuple(replace(j, limits=replace(j.limits, effort=None)) for j in robot.joints))
 
 
@@ -129,13 +146,13 @@ def _place(model: Model, column: Column) -> tuple[int, int]:
 
 
 def _other_effects(model: Model, standard: FloatArray) -> list[TrueEffect]:
-    """What acts on a robot with these standard parameters (c,) besides its links and rotors."""
-    found: dict[TrueEffect, list[tuple[str, float]]] = {}
+    """Return what acts on a robot with these standard parameters (c,) besides its links and rotors."""
+    effects: dict[TrueEffect, list[tuple[str, float]]] = {}
     for k in model.base.kept:
         column = model.columns[k]
         effect = effect_by_id(column.effect)
         if not effect.is_inertia:
             joint = column.link if effect.scope == "joint" else ""
             of = TrueEffect(column.effect, joint, (), column.shape, column.runs)
-            found.setdefault(of, []).append((column.parameter, float(standard[k])))
-    return [replace(effect, values=tuple(values)) for effect, values in found.items()]
+            effects.setdefault(of, []).append((column.parameter, float(standard[k])))
+    return [replace(effect, values=tuple(values)) for effect, values in effects.items()]

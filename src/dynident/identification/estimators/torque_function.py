@@ -1,4 +1,4 @@
-"""The model's torque and its derivatives at one state, for filters that take a sample at a time."""
+"""The model's torque and its derivatives at one state, for filters that take one sample at a time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dynident.errors import DynidentError
 from dynident.estimation.kalman import TorqueSlopes
 from dynident.regressors.model import Model
 
-# sign(q̇) changes over this share of the slowest joint's velocity limit: a filter needs its slope.
+# Width of the smooth sign(q̇), as a share of the slowest joint's velocity limit: a filter needs its derivative.
 _SIGN_WIDTH = 2e-3
 
 
@@ -28,10 +28,10 @@ class TorqueFunction:
     def __init__(self, model: Model) -> None:
         robot, n = model.robot, model.robot.n
         signals = Signals(robot, smooth_sign=_SIGN_WIDTH * slowest_velocity(robot))
-        made = {column.key: column for column in columns_of(model.effects, signals)}
-        kept = [made[column.key] for column in model.kept]
+        all_columns = {column.key: column for column in columns_of(model.effects, signals)}
+        columns = [all_columns[column.key] for column in model.kept]
         motion = {symbol.name() for part in (signals.q, signals.dq, signals.ddq) for symbol in ca.symvar(part)}
-        for column in kept:
+        for column in columns:
             if {symbol.name() for symbol in ca.symvar(column.torque)} - motion:
                 raise DynidentError(
                     f"{column.effect} depends on more than position, velocity and acceleration: a filter that takes "
@@ -39,30 +39,31 @@ class TorqueFunction:
                     pointer="/estimator",
                     title="Effect without a filter",
                 )
-        w = ca.densify(ca.horzcat(*(column.torque for column in kept)))
-        values = ca.SX.sym("chi", len(kept))
+        w = ca.densify(ca.horzcat(*(column.torque for column in columns)))
+        values = ca.SX.sym("chi", len(columns))
         torque = ca.mtimes(w, values)
         slopes = [ca.densify(ca.jacobian(torque, part)) for part in (signals.q, signals.dq, signals.ddq)]
+        # One function for all outputs, with common subexpressions evaluated once: it is called for every sample.
         outputs = ca.cse([ca.horzcat(torque, *slopes, w)])
         self._n = n
         self._function = ca.Function("torque", [signals.q, signals.dq, signals.ddq, values], outputs)
         self._buffer, self._evaluate = self._function.buffer()
-        self._inputs = [np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(len(kept))]
-        self._out = np.zeros((1 + 3 * n + len(kept), n))
+        self._inputs = [np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(len(columns))]
+        self._out = np.zeros((1 + 3 * n + len(columns), n))
         for k, item in enumerate(self._inputs):
             self._buffer.set_arg(k, memoryview(item))  # type: ignore[call-arg, arg-type]  # the stubs are of C
         self._buffer.set_res(0, memoryview(self._out))  # type: ignore[call-arg, arg-type]
 
     def __call__(self, q: FloatArray, dq: FloatArray, ddq: FloatArray, values: FloatArray) -> TorqueSlopes:
         """Evaluate at q, dq, ddq (n,) with χ (b,)."""
-        for item, given in zip(self._inputs, (q, dq, ddq, values), strict=True):
-            item[:] = given
+        for item, value in zip(self._inputs, (q, dq, ddq, values), strict=True):
+            item[:] = value
         self._evaluate()
-        n, found = self._n, self._out.T.copy()  # CasADi's matrices stand column by column
+        n, outputs = self._n, self._out.T.copy()  # CasADi's matrices stand column by column
         return TorqueSlopes(
-            found[:, 0],
-            found[:, 1 : 1 + n],
-            found[:, 1 + n : 1 + 2 * n],
-            found[:, 1 + 2 * n : 1 + 3 * n],
-            found[:, 1 + 3 * n :],
+            outputs[:, 0],
+            outputs[:, 1 : 1 + n],
+            outputs[:, 1 + n : 1 + 2 * n],
+            outputs[:, 1 + 2 * n : 1 + 3 * n],
+            outputs[:, 1 + 3 * n :],
         )

@@ -1,4 +1,4 @@
-"""What a foreign file most probably holds: guesses with reasons, and questions where the data do not say."""
+"""Inference of the columns of an unknown file: guesses with reasons, and questions where the data do not decide."""
 
 from dynident.identification.imports.inspecting import Inspection, inspect_file
 from dynident.identification.imports.proposal import Guess, Proposal, Question

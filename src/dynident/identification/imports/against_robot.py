@@ -1,4 +1,4 @@
-"""What the robot's dynamics say of the columns of a sample: the checks of a whole file, as guesses and questions."""
+"""Check the columns of a sample against the robot's dynamics, and report the results as guesses and questions."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from dynident.recordings.types import Check
 from dynident.robot import Robot
 
 _SOUND = 0.5
-"""Share of an average joint's torque left, from which on the columns are taken for wrong."""
+"""Unexplained share of an average joint's torque above which the columns are taken for wrong."""
 
 _ASKED = (GRAVITY, SCALE)
-"""Checks that only warn, of what makes a model useless."""
+"""Checks that are asked about although they only warn: what they find makes a model useless."""
 
 _FIELDS = {GRAVITY: "gravity", SCALE: "units/tau", COMMANDED: "effort_kind"}
-"""Fields of the metadata, or of the robot, that findings are about; of the others, the columns."""
+"""Fields of the metadata, or of the robot, that checks are about; all other checks are about the columns."""
 
 
 def hold_against(
@@ -36,7 +36,9 @@ def hold_against(
     in_si: bool,
     silent: Sequence[int] = (),
 ) -> tuple[list[Guess], list[Question]]:
-    """Hold columns against a robot's dynamics as the whole file will be: what is refused then is asked now.
+    """Check columns against a robot's dynamics as the import of the whole file will.
+
+    What that would refuse is asked now.
 
     Parameters
     ----------
@@ -48,18 +50,29 @@ def hold_against(
         Positions in rad or m; torques, in N m or N where that is known, which `in_si` says.
     names : pair of names
         Of the columns of positions, and of torques.
+    in_si : bool
+        Whether the torques are in N m or N.
     silent : sequence of int
         Joints whose torque was not recorded, which is said elsewhere.
+
+    Returns
+    -------
+    tuple of guesses and questions
     """
     recording = fits.recording(q, tau)
     examined = None if recording is None else examine(robot, recording, *names)
-    # By how much torques in a unit that is not known are off, is asked with the unit.
-    wrong = [] if examined is None else [one for one in examined.checks if _is_finding(one, in_si=in_si)]
+    # Where the unit is not known yet, the size of the torques says nothing: that is asked together with the unit.
+    wrong = [] if examined is None else [check for check in examined.checks if _is_finding(check, in_si=in_si)]
     questions = [
-        Question(_FIELDS.get(one.name, "columns"), one.detail, check=one.name) for one in wrong if _is_asked(one)
+        Question(_FIELDS.get(check.name, "columns"), check.detail, check=check.name)
+        for check in wrong
+        if _is_asked(check)
     ]
-    guesses = [Guess("check", one.name.replace("_", " "), 0.5, one.detail) for one in wrong if not _is_asked(one)]
-    is_commanded = any(one.name == COMMANDED for one in wrong)
+    guesses = [
+        Guess("check", check.name.replace("_", " "), 0.5, check.detail) for check in wrong if not _is_asked(check)
+    ]
+    is_commanded = any(check.name == COMMANDED for check in wrong)
+    # A torque that never changes while its joint moves was not recorded, or another column holds it.
     still = np.setdiff1d(np.flatnonzero((np.ptp(tau, axis=0) == 0) & (np.ptp(q, axis=0) > 0)), silent)
     if len(still) and not is_commanded:
         never = ", ".join(names[1][int(joint)] for joint in still)
@@ -73,14 +86,16 @@ def hold_against(
     if examined is None or examined.left is None:
         nothing = "the sample moves too little to be held against the robot's dynamics"
         return [*guesses, *([] if is_commanded else [Guess("check", "none", 0.5, nothing)])], questions
-    left = examined.left
-    worst = robot.joint_names[int(np.argmax(left.joints))]
-    reason = f"what the robot's dynamics do not explain, in the mean over the joints; of {worst} {left.worst:.0%}"
-    if left.usual < _SOUND and not wrong:
-        return [*guesses, Guess("check", f"{left.usual:.0%} left", 0.9, reason)], questions
-    # What is most probably wrong stands before everything else.
+    unexplained = examined.left
+    worst = robot.joint_names[int(np.argmax(unexplained.joints))]
+    reason = (
+        f"what the robot's dynamics do not explain, in the mean over the joints; of {worst} {unexplained.worst:.0%}"
+    )
+    if unexplained.usual < _SOUND and not wrong:
+        return [*guesses, Guess("check", f"{unexplained.usual:.0%} left", 0.9, reason)], questions
+    # The most probable cause comes first, before all other guesses.
     cause = f"; most probably: {wrong[0].detail}" if wrong else ""
-    return [Guess("check", f"{left.usual:.0%} left", 0.4, f"{reason}{cause}"), *guesses], questions
+    return [Guess("check", f"{unexplained.usual:.0%} left", 0.4, f"{reason}{cause}"), *guesses], questions
 
 
 def _is_finding(check: Check, *, in_si: bool) -> bool:

@@ -1,4 +1,4 @@
-"""Positions that are the counts of an encoder: how many make a turn, by the robot's limits and its own dynamics."""
+"""Find the number of encoder counts a turn, by the robot's limits and its own dynamics."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ WELL_KNOWN = (
 """Counts a turn of encoders: powers of two; lines of incremental ones; tenths to thousandths of degrees and finer."""
 
 _NEAR = 1.6
-"""Times the power of two with which most is explained, up to which other numbers are tried: half way to the next."""
+"""Ratio to the best power of two up to which other numbers are tried: half way to the next power."""
 
 _EXPLAINED = 0.5
-"""Share of the torque that the right counts may leave."""
+"""Share of the torque that the right counts may leave unexplained."""
 
 _MOST_ASKED = 4
 
@@ -31,7 +31,7 @@ _MOST_ASKED = 4
 def counts_unit(
     robot: Robot, turning: Sequence[int], q: FloatArray, tau: FloatArray | None, fits: Fits
 ) -> UnitGuess | None:
-    """Guess the unit of positions (m, n) that no angle of the joints can be; None where they are no counts either.
+    """Guess the unit of positions that cannot be angles of the joints; None where they are no counts either.
 
     Parameters
     ----------
@@ -39,9 +39,13 @@ def counts_unit(
     turning : sequence of int
         Its revolute joints.
     q, tau : (m, n)
-        As the file has them; without torques only limits tell.
+        As the file has them; without torques only limits decide.
     fits : Fits
         Of the sample.
+
+    Returns
+    -------
+    UnitGuess or None
     """
     low, high = np.nanmin(q[:, turning], axis=0), np.nanmax(q[:, turning], axis=0)
     units = [
@@ -53,24 +57,28 @@ def counts_unit(
     if not units:
         return None
     reason = "no unit of angles makes a joint's of them, and they look like the counts of an encoder"
-    left: dict[str, float] = {}
+    unexplained: dict[str, float] = {}
     if tau is not None:
-        left = _left(robot, turning, q, tau, fits, [unit for unit in units if np.log2(_counts(unit)) % 1.0 == 0.0])
-        best = _counts(min(left, key=lambda unit: left[unit], default=units[0]))
-        others = [unit for unit in units if unit not in left and 1.0 / _NEAR < _counts(unit) / best < _NEAR]
-        left |= _left(robot, turning, q, tau, fits, others)
-    ranked = sorted(left, key=lambda unit: left[unit]) or units
+        unexplained = _left(
+            robot, turning, q, tau, fits, [unit for unit in units if np.log2(_counts(unit)) % 1.0 == 0.0]
+        )
+        # Powers of two first, as most encoders have them; other numbers only near the best of these, since each trial
+        # is a fit.
+        best = _counts(min(unexplained, key=lambda unit: unexplained[unit], default=units[0]))
+        others = [unit for unit in units if unit not in unexplained and 1.0 / _NEAR < _counts(unit) / best < _NEAR]
+        unexplained |= _left(robot, turning, q, tau, fits, others)
+    ranked = sorted(unexplained, key=lambda unit: unexplained[unit]) or units
     unit = ranked[0]
-    alike = [other for other in ranked if not left or left[other] < CLEARLY * left[unit]]
-    if left:
-        shares = [f"{left[other]:.1%} of the torque with {_name_unit(other)}" for other in ranked[:3]]
+    alike = [other for other in ranked if not unexplained or unexplained[other] < CLEARLY * unexplained[unit]]
+    if unexplained:
+        shares = [f"{unexplained[other]:.1%} of the torque with {_name_unit(other)}" for other in ranked[:3]]
         reason += f"; the robot's dynamics leave {', '.join(shares)}"
-    sure = len(alike) == 1 and left.get(unit, 1.0) < _EXPLAINED
+    sure = len(alike) == 1 and unexplained.get(unit, 1.0) < _EXPLAINED
     return UnitGuess(unit, 0.9 if sure else 0.5, reason, tuple(alike[:_MOST_ASKED]))
 
 
 def _written(counts: float, low: FloatArray, high: FloatArray) -> list[str]:
-    """Give the unit with zero at 0; and at half a turn, where all counts are those of one turn."""
+    """Return the unit with zero at 0; and at half a turn, where all counts are within one turn."""
     unit = f"counts:{counts:.0f}"
     within_a_turn = low.min() >= 0.0 and high.max() <= counts
     return [unit, f"{unit}@{0.5 * counts:.0f}"] if within_a_turn else [unit]
@@ -104,13 +112,13 @@ def _possible(robot: Robot, turning: Sequence[int], low: FloatArray, high: Float
 def _left(
     robot: Robot, turning: Sequence[int], q: FloatArray, tau: FloatArray, fits: Fits, units: Sequence[str]
 ) -> dict[str, float]:
-    """Give what the robot's dynamics leave of the torque with each of the units."""
-    found = {}
+    """Return the unexplained share of the torque with each of the units."""
+    unexplained = {}
     for unit in units:
         factor, offset = conversion("q", "revolute", unit, "q")
         scaled = np.array(q)
         scaled[:, turning] = scaled[:, turning] * factor + offset
-        left = fits.left(scaled, tau)
-        if left is not None:
-            found[unit] = left
-    return found
+        share = fits.left(scaled, tau)
+        if share is not None:
+            unexplained[unit] = share
+    return unexplained

@@ -1,4 +1,4 @@
-"""What kind of torque or current a column of effort holds: by its name, or by the data against the robot."""
+"""Classify a column of effort: torque or current, measured or not, by its name and by the data against the robot."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from dynident.robot.pinocchio_model import described_torque
 CANNOT_TELL = "whether it was measured or commanded, the data cannot tell: they hold no noise of their own"
 
 _LOST = 0.75
-"""Share of the residual with gravity that the one without must stay below to call it compensated."""
+"""Ratio of the residuals without and with gravity, below which a torque counts as gravity-compensated."""
 _NEAR = (0.45, 2.1)
-"""Between these a described torque and a measured one agree: descriptions are not better."""
+"""Range of measured over described torque within which they agree: descriptions are not better."""
 _POOR = (0.15, 6.0)
-"""Beyond these no description is: it is another torque, or another unit."""
+"""The same beyond which no description is off: it is another torque, or another unit."""
 _FAIR = (0.2, 3.0)
-"""Between these a torque and that of a description agree, whose masses may be guessed: 2.4 on the open recordings."""
+"""The same for a description whose masses may be guessed: up to 2.4 on the open recordings."""
 _SURE = 1.25
 """Amplifiers of arms give up to 64 A: per cent of that taken for A make 1.56 times the torque, and of less even more;
 this is half as far, as factors go."""
@@ -41,14 +41,16 @@ _APART = 1.25
 """Times what is left with gravity, below which the motion does not show whether there is any: at least 1.7 in torques
 of the open recordings, up to 1.6 without it (`benchmarks/effort_kinds.py`)."""
 _TOLD, _STATES = 0.3, 400
+"""Share of the variance without the load that may be left with it for a joint's scale to be trusted; and rows used."""
 _LOADED = 0.02
+"""Share of a joint's largest torque that gravity has to have for the joint to count as loaded."""
 _NOTHING = 0.9
-"""Share left from which on the motion explains nothing of a torque."""
+"""Unexplained share above which the motion explains nothing of a torque."""
 
 
 @dataclass(frozen=True)
 class EffortGuess:
-    """The kind, how sure (0 to 1), and why."""
+    """The kind of an effort, the confidence (0 to 1), and the reason."""
 
     kind: EffortKind
     confidence: float
@@ -64,16 +66,29 @@ def classify_effort(
     torque_factor: float = 1.0,
     current_factor: float | None = None,
 ) -> EffortGuess:
-    """Tell what torques (m, n) are, with positions (m, n) in rad or m; "unknown" where the data do not say.
+    """Classify torques by their name and by the data; "unknown" where these do not tell.
 
-    `torque_factor` and `current_factor` make N m and A of the numbers.
+    Parameters
+    ----------
+    fits : Fits
+        Of the sample.
+    q, tau : (m, n)
+        Positions in rad or m, and efforts in any unit.
+    signal, unit : str, optional
+        What their names say.
+    torque_factor, current_factor : float
+        Make N m and A of the numbers; None where the currents' unit is not known.
+
+    Returns
+    -------
+    EffortGuess
     """
     commanded = is_commanded(q, tau)
     if commanded:
         reason = "its noise is that of the positions before, as a controller computes it, to a thousandth"
         return EffortGuess("commanded", 0.9, reason)
-    found = _measured(fits, q, tau, signal, unit, torque_factor, current_factor)
-    return found if commanded is False else replace(found, reason=f"{found.reason}; {CANNOT_TELL}")
+    guess = _measured(fits, q, tau, signal, unit, torque_factor, current_factor)
+    return guess if commanded is False else replace(guess, reason=f"{guess.reason}; {CANNOT_TELL}")
 
 
 def _measured(
@@ -85,10 +100,11 @@ def _measured(
     torque_factor: float,
     current_factor: float | None,
 ) -> EffortGuess:
-    """The same of what no controller computed from the positions."""
+    """Classify torques that no controller computed from the positions."""
     motion = fits.motion(q, tau)
     if motion is None or not len(motion.q) or not np.isfinite(motion.tau).all():
         return _by_word(signal, unit, 0.6, "by its name; the sample is too short to be held against the robot")
+    # External torques are what remains without the robot's own dynamics, so the motion cannot explain them.
     with_gravity = left_of(fits.robot, motion)
     if with_gravity > _NOTHING:
         return EffortGuess(
@@ -98,7 +114,7 @@ def _measured(
     if _has_gravity(fits.robot):
         without = left_of(_floating(fits.robot), motion)
         told_apart = without / max(with_gravity, 1e-9)
-        # Where the base is not as stated, gravity along another axis explains it as well.
+        # On a robot that is mounted otherwise than stated, gravity along another axis explains the torque just as well.
         if without < _LOST * with_gravity and mounting_of(fits.robot, motion).left > without / _LOST:
             reason = f"without gravity the robot's dynamics leave {without:.0%} of it, with gravity {with_gravity:.0%}"
             return EffortGuess("gravity_compensated", 0.9, reason)
@@ -122,9 +138,14 @@ def _measured(
 
 
 def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: float | None) -> EffortGuess:
-    """Tell torque from current by the inertias of the description, and drive gains where there are any.
+    """Tell torque from current by the inertias of the description, and by drive gains where there are any.
 
-    `torque_factor` and `current_factor` make N m and A of the numbers; None where the currents' unit is not known.
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    torque_factor, current_factor : float
+        Make N m and A of the numbers; None where the currents' unit is not known.
     """
     scales = scales_of(robot, motion)
     if scales is None:
@@ -135,8 +156,10 @@ def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: 
     gains = np.array([np.nan if drive.gain is None else drive.gain for drive in robot.drives])
     known = current_factor is not None and bool(np.isfinite(gains).all())
     is_current = known and scales.near_one(gains * (current_factor or 1.0))
-    # Where masses are guessed, currents are not out of the question that are a bit off.
+    # The masses of a description may be guesses. So currents that are somewhat off are still possible.
     may_be_current = known and scales.is_fair(gains * (current_factor or 1.0))
+    # All joints have to agree on one unit: currents look like torques on single joints, but not on all with the same
+    # factor.
     agrees = is_torque and not may_be_current and better_by_other_gains(robot, motion, 2.0) < CLEARLY_AGREES
     if agrees:
         return EffortGuess("joint_torque", 0.9, "it is as large as the inertias of the description say")
@@ -152,10 +175,11 @@ def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: 
 
 
 def _torque_by_elimination(robot: Robot, motion: Motion, torque_factor: float) -> EffortGuess | None:
-    """Torque, where it can be no currents: they would be none of an arm's."""
+    """Return torque where it cannot be currents: those would be too large or too small for an arm."""
+    # Currents of an arm lie in a known range, so values outside of it can only be torques.
     peak, usual = float(np.abs(motion.tau).max()), usual_scale(robot, motion)
     if usual is None:
-        # Without masses, only what is too small for motors in any unit is told: joint torques in kN m.
+        # Without masses, only values that are too small for a motor in any unit decide: joint torques in kN m.
         if peak < _LEAST_OF_MOTORS and better_by_other_gains(robot, motion, 2.0) < CLEARLY_AGREES:
             return EffortGuess("joint_torque", 0.85, "no arm's motors have currents or torques that are so small")
         return None
@@ -174,65 +198,78 @@ def _torque_by_elimination(robot: Robot, motion: Motion, torque_factor: float) -
 
 @dataclass(frozen=True, eq=False)
 class Scales:
-    """Measured over described torque of every joint (n,), and which joints' are to be believed."""
+    """Measured over described torque of every joint (n,), and the joints for which it can be trusted."""
 
     values: FloatArray
     trusted: BoolArray
 
     @property
     def usual(self) -> float:
-        """The middle one of the believed, without its sign."""
+        """Median of the trusted scales, without sign."""
         return float(np.median(np.abs(self.values[self.trusted])))
 
     def plausible(self, factor: float) -> bool:
-        """Whether they could be torques of the joints, once multiplied by a factor, if the description is poor."""
+        """Tell whether the values, times a factor, could be torques of the joints, if the description is poor."""
         return _POOR[0] < self.usual * factor < _POOR[1]
 
     def near_one(self, factors: FloatArray) -> bool:
-        """Whether the believed ones, times factors (n,), are what the description says, as far as descriptions go.
+        """Tell whether the trusted values, times factors (n,), agree with the description, as far as descriptions do.
 
         A payload that it does not have makes some of them larger, and none smaller.
         """
-        told = np.abs(self.values * factors)[self.trusted]
-        return _NEAR[0] < float(told.min()) < _NEAR[1] and self.is_fair(factors)
+        sizes = np.abs(self.values * factors)[self.trusted]
+        return _NEAR[0] < float(sizes.min()) < _NEAR[1] and self.is_fair(factors)
 
     def is_sure(self, factors: FloatArray) -> bool:
-        """Whether the believed ones, times factors (n,), are so near that currents are in the unit of the gains."""
-        told = float(np.median(np.abs(self.values * factors)[self.trusted]))
-        return 1.0 / _SURE < told < _SURE
+        """Tell whether the trusted values, times factors (n,), show that currents are in the unit of the gains."""
+        size = float(np.median(np.abs(self.values * factors)[self.trusted]))
+        return 1.0 / _SURE < size < _SURE
 
     def is_fair(self, factors: FloatArray) -> bool:
-        """Whether they could be, if its masses are guessed."""
+        """Tell whether the trusted values, times factors (n,), agree with a description whose masses are guessed."""
         return _FAIR[0] < float(np.median(np.abs(self.values * factors)[self.trusted])) < _FAIR[1]
 
 
 def scales_of(robot: Robot, motion: Motion) -> Scales | None:
-    """Compare torques with those of the description's inertias; None where it gives none, or the joints disagree."""
+    """Compare torques with those of the description's inertias; None where it gives none, or no joint can be trusted.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    """
     if robot.inertias is None:
         return None
     every = max(1, len(motion.q) // _STATES)
-    q, dq, ddq, tau = (one[::every] for one in (motion.q, motion.dq, motion.ddq, motion.tau))
-    told = described_torque(robot, q, dq, ddq)
+    q, dq, ddq, tau = (signal[::every] for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
+    described = described_torque(robot, q, dq, ddq)
     values, trusted = np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
     for joint in range(robot.n):
         speed = dq[:, joint]
         friction = np.column_stack(
             [speed, np.tanh(speed / (0.05 * speed.std() + 1e-12)), ddq[:, joint], np.ones(len(q))]
         )
-        rows = np.column_stack([told[:, joint], friction])
+        rows = np.column_stack([described[:, joint], friction])
         size = np.sqrt((rows**2).sum(axis=0)) + 1e-30
         solution, *_ = np.linalg.lstsq(rows / size, tau[:, joint], rcond=1e-10)
         other = tau[:, joint] - friction @ np.linalg.lstsq(friction, tau[:, joint], rcond=1e-10)[0]
-        left = tau[:, joint] - rows / size @ solution
+        # The load has to explain much of what friction leaves, or its factor means nothing.
+        remainder = tau[:, joint] - rows / size @ solution
         values[joint] = solution[0] / size[0]
-        trusted[joint] = left.var() < _TOLD * other.var() and left.var() < 0.1 * tau[:, joint].var()
+        trusted[joint] = remainder.var() < _TOLD * other.var() and remainder.var() < 0.1 * tau[:, joint].var()
     return Scales(values, trusted) if trusted.any() else None
 
 
 def is_as_described(fits: Fits, q: FloatArray, currents: FloatArray, gains: Sequence[float | None]) -> bool:
-    """Whether drive gains make of currents (m, n) the torque that the inertias of the description need.
+    """Tell whether drive gains make of currents the torque that the inertias of the description need.
 
-    Not where the description has none, or a gain is missing.
+    False where the description has none, or a gain is missing.
+
+    Parameters
+    ----------
+    fits : Fits
+    q, currents : (m, n)
+    gains : sequence of float or None
     """
     known = np.array([np.nan if gain is None else gain for gain in gains])
     motion = fits.motion(q, currents) if np.isfinite(known).all() else None
@@ -255,7 +292,7 @@ def _has_gravity(robot: Robot) -> bool:
 
 
 def _has_load(robot: Robot, motion: Motion) -> bool:
-    """Whether gravity loads a joint, as far as the description says."""
+    """Tell whether gravity loads a joint, as far as the description says."""
     if robot.inertias is None:
         return True
     q = motion.q[:: max(1, len(motion.q) // 50)]

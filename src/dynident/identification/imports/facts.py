@@ -1,4 +1,4 @@
-"""What the columns of a sample are by themselves: which is a clock, which changes, which is the slope of which."""
+"""Properties of a sample's columns: which is a clock, which changes, which is the slope of which."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 
 SLOPE = 0.9
-"""Correlation from which on one column is taken for the slope of another."""
+"""Correlation above which one column is taken for the slope of another."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Clock:
-    """The column that holds time, how to get seconds of it, and what speaks for it."""
+    """The column that holds time, how to get seconds from it, and the reason for it."""
 
     column: int
     unit: str
@@ -37,13 +37,13 @@ class Clock:
 
 CLOCK_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _BEGINS = 5.0
-"""Steps within which a clock that starts again is where it was in the first row."""
+"""Steps from the first row's time within which a clock that starts again begins."""
 _SLOWEST, _FASTEST = 8.0, 8000.0
 """Hz: a robot's recording has a rate between them, so that one unit alone, in steps of a thousand, fits."""
 
 
 def changing(values: FloatArray) -> BoolArray:
-    """(columns,): columns that hold numbers, and more than one."""
+    """Return which columns (columns,) hold numbers, and more than one."""
     finite = np.isfinite(values)
     enough = finite.mean(axis=0) > 0.9
     low = np.where(finite, values, np.inf).min(axis=0)
@@ -52,8 +52,8 @@ def changing(values: FloatArray) -> BoolArray:
 
 
 def clock_like(values: FloatArray) -> list[int]:
-    """Columns that run forward and never back, nearly evenly."""
-    found = []
+    """Return the columns that run forward and never back, nearly evenly."""
+    clocks = []
     for column in range(values.shape[1]):
         steps = np.diff(values[:, column])
         if not np.isfinite(steps).all() or not len(steps):
@@ -62,13 +62,22 @@ def clock_like(values: FloatArray) -> list[int]:
         # A clock may start again with every run of a file, from where it began.
         forward = (steps >= 0) | (values[1:, column] <= values[0, column] + _BEGINS * middle)
         if middle > 0 and forward.mean() > 0.995 and np.mean(np.abs(steps - middle) < 0.9 * middle) > 0.7:
-            found.append(column)
-    return found
+            clocks.append(column)
+    return clocks
 
 
 def clock_of(values: FloatArray, column: int, unit: str | None) -> Clock | None:
-    """Read a column as a clock; `unit` is what its name states. None where no unit gives a rate of a robot's."""
+    """Read a column as a clock; None where no unit gives the rate of a robot's recording.
+
+    Parameters
+    ----------
+    values : (m, columns)
+    column : int
+    unit : str, optional
+        What its name states.
+    """
     steps = np.diff(values[:, column])
+    # Gaps between runs, and rows that repeat a time, must not count for the period.
     steps = steps[steps > 0]
     middle = float(np.median(steps))
     jitter = float(np.std(steps[steps < 5 * middle]) / middle)
@@ -82,20 +91,23 @@ def clock_of(values: FloatArray, column: int, unit: str | None) -> Clock | None:
         )
     if len(fits) != 1:
         return None
-    (found,) = fits
-    rate = 1.0 / (mean * CLOCK_FACTORS[found])
-    return Clock(column, found, CLOCK_FACTORS[found], rate, jitter, True, f"its steps give {rate:.4g} Hz in {found}")
+    (only_unit,) = fits
+    rate = 1.0 / (mean * CLOCK_FACTORS[only_unit])
+    return Clock(
+        column, only_unit, CLOCK_FACTORS[only_unit], rate, jitter, True, f"its steps give {rate:.4g} Hz in {only_unit}"
+    )
 
 
 def is_counter(values: FloatArray, column: int) -> bool:
-    """Whether a column counts rows: it goes up by one."""
+    """Tell whether a column counts rows: it goes up by one."""
     return bool((np.diff(values[:, column]) == 1.0).mean() > 0.999)
 
 
 def smoothed(values: FloatArray, width: int) -> FloatArray:
-    """(m, columns): means over `width` rows, twice, without the ends; what is no number is the value before it."""
+    """Return means over `width` rows, twice, without the ends (m, columns)."""
     if width <= 1:
         return values
+    # Running means by cumulative sums take a time that does not depend on the width.
     total = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
     once = (total[width:] - total[:-width]) / width
     total = np.cumsum(np.vstack([np.zeros(values.shape[1]), once]), axis=0)
@@ -103,7 +115,7 @@ def smoothed(values: FloatArray, width: int) -> FloatArray:
 
 
 def filled(values: FloatArray) -> FloatArray:
-    """The values with numbers everywhere: between those that there are, in a straight line."""
+    """Return the values with gaps filled by straight lines between the numbers."""
     result = np.array(values, dtype=np.float64)
     rows = np.arange(len(values))
     for column in range(values.shape[1]):
@@ -114,20 +126,23 @@ def filled(values: FloatArray) -> FloatArray:
 
 
 def slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Which column is the slope of which.
+    """Correlate the slope of every column with every other column.
 
     Parameters
     ----------
-    t : (m,) in s; values : (m, c)
+    t : (m,)
+        In s.
+    values : (m, c)
 
     Returns
     -------
     correlation, factor : (c, c)
         Of the slope of column i with column j; and column j = factor x slope of column i.
     """
-    # A clock may start again with every run of a file.
+    # A clock may start again with every run of a file: a slope must not reach across that.
     steps = np.diff(t)
     rate = len(t) / max(float(steps[steps > 0].sum()), 1e-9)
+    # Smooth over 40 ms: differences of positions from row to row would be mostly noise of the encoder.
     width = max(1, int(rate * 0.04))
     restarts = np.concatenate([[0], np.cumsum(steps < 0)])
     steady = smoothed(np.column_stack([t, filled(values)]), width)
@@ -152,7 +167,10 @@ def slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def roughness(t: FloatArray, values: FloatArray) -> FloatArray:
-    """(c,): how much of a column's change from row to row is not smooth: near 0 for positions, large for torques."""
+    """Return the roughness of every column (c,): near 0 for positions, large for torques.
+
+    It is the rms of the second difference over the standard deviation.
+    """
     values = filled(values)
     first, second = np.diff(values, axis=0), np.diff(values, n=2, axis=0)
     size = values.std(axis=0)

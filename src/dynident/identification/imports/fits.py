@@ -1,4 +1,4 @@
-"""What the robot's own dynamics leave of the torque when the columns are taken in one way or another."""
+"""Fit a robot's dynamics to the columns of a sample, to see how much of the torque they leave unexplained."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from dynident.recordings.restarts import RestartLabels
 from dynident.robot import Robot
 
 FEWEST_ROWS = 200
+"""Rows below which a motion is too short to be filtered and fitted."""
 FEWEST_POSES = 10
-"""A six-axis arm has ten parameters of gravity that six torques a pose tell."""
+"""Poses below which gravity is not fitted: a six-axis arm has ten parameters of gravity, and six torques a pose."""
 
 
 class Fits:
-    """Fits a robot to the columns of a sample: t (m,) in s."""
+    """Fits of a robot to the columns of a sample with the times t (m,) in s."""
 
     def __init__(self, robot: Robot, t: FloatArray, segment: FloatArray | None = None) -> None:
         self.robot = robot
@@ -29,7 +30,13 @@ class Fits:
         self._segment = RestartLabels().label(0, t) if segment is None else segment.astype(np.int64)
 
     def recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
-        """The sample as a recording of positions (m, n) in rad or m, torques (m, n); None where it is too short."""
+        """Return the sample as a recording; None where it is too short.
+
+        Parameters
+        ----------
+        q, tau : (m, n)
+            Positions in rad or m, and torques in any unit.
+        """
         if len(self._t) < FEWEST_ROWS:
             return None
         try:
@@ -43,7 +50,7 @@ class Fits:
             return None
 
     def condition(self, q: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray, tuple[Check, ...]]:
-        """Put right what an import puts right in positions (m, n) in rad or m and torques (m, n), and say what."""
+        """Correct positions (m, n) in rad or m and torques (m, n) as an import does, and return the checks about it."""
         limits = [
             JointLimits(joint.kind, joint.limits.position, joint.limits.velocity, joint.limits.effort)
             for joint in self.robot.joints
@@ -51,28 +58,35 @@ class Fits:
         return condition_arrays(self._t, q, tau, RecordedJoints(self.robot.joint_names, limits), self._segment)
 
     def motion(self, q: FloatArray, tau: FloatArray) -> Motion | None:
-        """Filtered rows of positions (m, n) in rad or m, torques (m, n) in any unit; None where there are too few."""
+        """Return the filtered rows of positions (m, n) in rad or m and torques (m, n); None where there are too few."""
         recording = self.recording(q, tau)
         return None if recording is None else motion_of(recording)
 
     def left(self, q: FloatArray, tau: FloatArray) -> float | None:
-        """Share of an average joint's torque that is not explained; None where it cannot be told."""
+        """Return the unexplained share of an average joint's torque; None where it cannot be told.
+
+        Parameters
+        ----------
+        q, tau : (m, n)
+            Positions in rad or m, and torques in any unit.
+        """
         motion = self.motion(q, tau)
+        # A sample in which nothing moves explains any torque by constants.
         if motion is None or not len(motion.q) or not (np.ptp(motion.q, axis=0) > 0).any():
             return None
-        found = left_of(self.robot, motion)
-        return found if np.isfinite(found) else None
+        unexplained = left_of(self.robot, motion)
+        return unexplained if np.isfinite(unexplained) else None
 
 
 class PoseFits(Fits):
-    """Fits a robot to poses at which it stands, a row each."""
+    """Fits of a robot to poses at which it stands, a row each."""
 
     def recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
-        """None: there is no motion."""
+        """Return None: there is no motion."""
         return None
 
     def left(self, q: FloatArray, tau: FloatArray) -> float | None:
-        """Share of the torque that gravity and constant torques do not explain; None where rows are too few to tell."""
+        """Return the share of the torque that gravity and constant torques leave; None where rows are too few."""
         good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
         if good.sum() < FEWEST_POSES:
             return None

@@ -1,4 +1,4 @@
-"""Columns of one signal, one a joint: told by their names."""
+"""Group the columns of one signal, one for each joint, by their names."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from dynident.arrays import FloatArray
 from dynident.identification.imports.words import Named, Signal, signal_of_unit
 
 EXPLAINED = 0.3
-"""Share of the torque that positions may leave which are told by nothing but that: of others, far more is left."""
+"""Largest unexplained share of the torque for positions that nothing else identifies: wrong ones leave far more."""
 
 _SAME = 0.01
-"""Share of a position's spread that two topics of it differ by: the slower of them is read between its samples."""
+"""Share of its spread by which two topics of one position differ: the slower is interpolated between its samples."""
 
 _OURS: tuple[Signal, ...] = ("q", "dq", "ddq", "tau", "current", "temperature")
 """Kinds of signals that are read by their own names."""
@@ -27,7 +27,7 @@ _PENDANT = (("base",), ("shoulder",), ("elbow",), ("wrist", "1"), ("wrist", "2")
 
 @dataclass(frozen=True)
 class Group:
-    """Columns (by index) of one signal in the robot's order of joints, what they are and how that is known."""
+    """Columns (by index) of one signal in the robot's order of joints, with the signal and how that is known."""
 
     columns: tuple[int, ...]
     signal: Signal | None
@@ -37,51 +37,57 @@ class Group:
     reason: str
 
     def among(self, places: list[int]) -> Group:
-        """The same group where its columns are at these places of all."""
+        """Return the same group where its columns are at these places of all columns."""
         return replace(self, columns=tuple(places[index] for index in self.columns))
 
 
 def groups_of(
     named: Sequence[Named], joint_names: Sequence[str], followers: Sequence[str] = ()
 ) -> tuple[list[Group], list[int], list[int]]:
-    """Put columns that differ by the joint alone together.
+    """Group columns that differ by the joint alone.
+
+    Parameters
+    ----------
+    named : sequence of Named
+    joint_names, followers : sequence of str
+        Joints that are driven, and those that follow them.
 
     Returns
     -------
-    groups, rest, following : list of Group, columns (by index) that belong to none, and those of `followers`: joints
-    that are not driven
+    groups, rest, following : list of Group, columns (by index) that belong to none, and those of `followers`
     """
     ours = _by_our_names(named, joint_names)
     in_ours = {index for group in ours for index in group.columns}
     following: list[int] = []
-    found: dict[tuple[str, ...], dict[int, int]] = {}
+    by_stem: dict[tuple[str, ...], dict[int, int]] = {}
     reasons: dict[tuple[str, ...], str] = {}
-    for index, one in enumerate(named):
+    for index, column in enumerate(named):
         if index in in_ours:
             continue
-        hit = _by_joint_name(one.words, (*joint_names, *followers))
+        hit = _by_joint_name(column.words, (*joint_names, *followers))
         if hit is not None and hit[0] >= len(joint_names):
             following.append(index)
         elif hit is not None:
             joint, stem = hit
-            found.setdefault(stem, {}).setdefault(joint, index)
+            by_stem.setdefault(stem, {}).setdefault(joint, index)
             reasons[stem] = "the joint's name stands in the column's"
-    taken = {index for group in found.values() if len(group) == len(joint_names) for index in group.values()}
-    found = {stem: group for stem, group in found.items() if len(group) == len(joint_names)}
-    numbered, why = _by_number(named, taken | in_ours | set(following), len(joint_names))
-    found |= numbered
+    used = {index for group in by_stem.values() if len(group) == len(joint_names) for index in group.values()}
+    # Names of all joints or none: a stem that some joints lack is left to the numbers.
+    by_stem = {stem: group for stem, group in by_stem.items() if len(group) == len(joint_names)}
+    numbered, why = _by_number(named, used | in_ours | set(following), len(joint_names))
+    by_stem |= numbered
     reasons |= why
-    taken = {index for group in found.values() for index in group.values()} | in_ours | set(following)
+    used = {index for group in by_stem.values() for index in group.values()} | in_ours | set(following)
     groups = ours
-    for stem, group in found.items():
+    for stem, group in by_stem.items():
         columns = tuple(group[joint] for joint in range(len(joint_names)))
         groups.append(_group(columns, named, reasons[stem]))
-    return groups, [index for index in range(len(named)) if index not in taken], following
+    return groups, [index for index in range(len(named)) if index not in used], following
 
 
 def _by_our_names(named: Sequence[Named], joint_names: Sequence[str]) -> list[Group]:
-    """Columns that are called as a file is read without any mapping: q_<joint>, whatever the joints are called."""
-    places = {one.name: index for index, one in enumerate(named)}
+    """Group columns that have the names of a stored recording: q_<joint>, whatever the joints are called."""
+    places = {name.name: index for index, name in enumerate(named)}
     groups = []
     for signal in _OURS:
         columns = [places.get(f"{signal}_{joint}") for joint in joint_names]
@@ -93,41 +99,47 @@ def _by_our_names(named: Sequence[Named], joint_names: Sequence[str]) -> list[Gr
 
 
 def incomplete_groups(named: Sequence[Named], joint_names: Sequence[str]) -> list[tuple[Named, dict[int, int]]]:
-    """Give columns of one signal of most joints: one of them, and the columns by their joint."""
+    """Return the columns of each signal that most joints have, but not all.
+
+    Each as what the name of its first column says, and the columns by joint.
+    """
     n = len(joint_names)
-    found: dict[tuple[str, ...], dict[int, int]] = {}
+    by_stem: dict[tuple[str, ...], dict[int, int]] = {}
     numbered: dict[tuple[str, ...], dict[int, int]] = {}
-    for index, one in enumerate(named):
-        own = next((joint for joint, name in enumerate(joint_names) if one.name in (f"tau_{name}", f"q_{name}")), None)
-        hit = _by_joint_name(one.words, joint_names)
+    for index, column in enumerate(named):
+        own = next(
+            (joint for joint, name in enumerate(joint_names) if column.name in (f"tau_{name}", f"q_{name}")), None
+        )
+        hit = _by_joint_name(column.words, joint_names)
         if own is not None:
-            found.setdefault(("ours", one.signal or ""), {}).setdefault(own, index)
+            by_stem.setdefault(("ours", column.signal or ""), {}).setdefault(own, index)
         elif hit is not None:
-            found.setdefault(hit[1], {}).setdefault(hit[0], index)
-        elif len(one.numbers) == 1:
-            stem = tuple("#" if word.isdigit() else word for word in one.words)
-            numbered.setdefault(stem, {}).setdefault(one.numbers[0], index)
+            by_stem.setdefault(hit[1], {}).setdefault(hit[0], index)
+        elif len(column.numbers) == 1:
+            stem = tuple("#" if word.isdigit() else word for word in column.words)
+            numbered.setdefault(stem, {}).setdefault(column.numbers[0], index)
     for stem, members in numbered.items():
+        # Joints are counted from 0 or from 1.
         first = 0 if 0 in members else 1
-        found[stem] = {number - first: index for number, index in members.items() if number - first < n}
-    return [(named[next(iter(one.values()))], one) for one in found.values() if n / 2 < len(one) < n]
+        by_stem[stem] = {number - first: index for number, index in members.items() if number - first < n}
+    return [(named[next(iter(members.values()))], members) for members in by_stem.values() if n / 2 < len(members) < n]
 
 
 def hold_the_same(values: FloatArray, groups: Sequence[Group]) -> bool:
-    """Whether the columns (m, c) of several groups hold the same numbers, but for what lies between two samples."""
+    """Tell whether the columns (m, c) of several groups hold the same numbers, but for interpolation."""
     first, *others = (values[:, list(group.columns)] for group in groups)
     spread = np.maximum(first.std(axis=0), 0.1 * first.std(axis=0).max())
     return all(bool((np.abs(other - first).mean(axis=0) <= _SAME * spread).all()) for other in others)
 
 
 def of_more_joints(named: Sequence[Named], n: int) -> str:
-    """Say which columns are counted beyond the robot's n joints, as where a gripper is recorded with them."""
+    """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them."""
     counted: dict[tuple[str, ...], list[Named]] = {}
-    for one in named:
-        if len(one.numbers) == 1:
-            counted.setdefault(tuple(word for word in one.words if not word.isdigit()), []).append(one)
+    for column in named:
+        if len(column.numbers) == 1:
+            counted.setdefault(tuple(word for word in column.words if not word.isdigit()), []).append(column)
     for members in counted.values():
-        numbers = sorted(one.numbers[0] for one in members)
+        numbers = sorted(column.numbers[0] for column in members)
         if len(members) > n and numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1):
             return (
                 f" {members[0].name} … {members[-1].name} are {len(members)}, and the robot has {n} joints: which of "
@@ -137,11 +149,16 @@ def of_more_joints(named: Sequence[Named], n: int) -> str:
 
 
 def by_elimination(
-    groups: Sequence[Group], whole: Sequence[Group], left: Callable[[tuple[int, ...], tuple[int, ...]], float]
+    groups: Sequence[Group], whole: Sequence[Group], unexplained: Callable[[tuple[int, ...], tuple[int, ...]], float]
 ) -> list[Group]:
-    """The one group of `whole`, without a signal, that is the torque beside positions, or the positions beside torques.
+    """Return the one group of `whole` that must be the missing torque, or the missing positions.
 
-    `left` says what share of torques is not explained by the motion of positions, given the columns of both.
+    Parameters
+    ----------
+    groups, whole : sequence of Group
+        Those with a signal, and those without.
+    unexplained : function
+        Returns the share of torques that the motion of positions leaves, given the columns of both.
     """
     ranked = sorted(whole, key=lambda group: group.rank)
     if not ranked or (len(ranked) > 1 and ranked[1].rank == ranked[0].rank):
@@ -152,7 +169,7 @@ def by_elimination(
         return [replace(only, signal="effort", reason="it is the only signal left")]
     if "q" not in have and efforts:
         best = min(efforts, key=lambda group: (group.rank, group.signal != "tau"))
-        share = left(only.columns, best.columns)
+        share = unexplained(only.columns, best.columns)
         if share < EXPLAINED:
             reason = f"no other column is called a position, and with it the dynamics leave {share:.0%} of the torque"
             return [replace(only, signal="q", reason=reason)]
@@ -161,22 +178,25 @@ def by_elimination(
 
 def _group(columns: tuple[int, ...], named: Sequence[Named], reason: str) -> Group:
     members = [named[index] for index in columns]
-    units = {one.unit for one in members}
+    units = {member.unit for member in members}
     # Of a robot that turns and slides the units differ; that of the first joint tells the signal.
     unit = units.pop() if len(units) == 1 else members[0].unit
-    signals = {one.signal for one in members}
+    signals = {member.signal for member in members}
     signal = signals.pop() if len(signals) == 1 else None
-    return Group(columns, signal or signal_of_unit(unit), unit, max(one.rank for one in members), members[0], reason)
+    return Group(
+        columns, signal or signal_of_unit(unit), unit, max(member.rank for member in members), members[0], reason
+    )
 
 
 def _by_joint_name(words: tuple[str, ...], joint_names: Sequence[str]) -> tuple[int, tuple[str, ...]] | None:
-    """The joint whose name the words hold, the longest where several do, and what is left without it."""
+    """Return the joint whose name the words hold, the longest where several do, and the words without it."""
     best: tuple[int, int, int] | None = None
     for joint, name in enumerate(joint_names):
-        for wanted in _spellings(name):
-            place = _place(words, wanted)
-            if place is not None and (best is None or len(wanted) > best[1]):
-                best = joint, len(wanted), place
+        for spelling in _spellings(name):
+            place = _place(words, spelling)
+            # The longest name wins: "wrist_1" must not be taken for a joint "wrist".
+            if place is not None and (best is None or len(spelling) > best[1]):
+                best = joint, len(spelling), place
     if best is None:
         return None
     joint, length, place = best
@@ -184,57 +204,60 @@ def _by_joint_name(words: tuple[str, ...], joint_names: Sequence[str]) -> tuple[
 
 
 def _spellings(name: str) -> list[tuple[str, ...]]:
-    """A joint's name as words, with and without the word joint; none that is a number alone."""
+    """Return a joint's name as words, with and without the word joint; none that is a number alone."""
     words = tuple(word.casefold() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name))
     bare = tuple(word for word in words if word != "joint")
-    return [one for one in (words, bare) if any(not word.isdigit() and word not in _JOINT for word in one)]
+    return [
+        spelling for spelling in (words, bare) if any(not word.isdigit() and word not in _JOINT for word in spelling)
+    ]
 
 
-def _place(words: tuple[str, ...], wanted: tuple[str, ...]) -> int | None:
-    for start in range(len(words) - len(wanted) + 1):
-        if words[start : start + len(wanted)] == wanted:
+def _place(words: tuple[str, ...], phrase: tuple[str, ...]) -> int | None:
+    for start in range(len(words) - len(phrase) + 1):
+        if words[start : start + len(phrase)] == phrase:
             return start
     return None
 
 
 def _by_number(
-    named: Sequence[Named], taken: set[int], n: int
+    named: Sequence[Named], used: set[int], n: int
 ) -> tuple[dict[tuple[str, ...], dict[int, int]], dict[tuple[str, ...], str]]:
-    """Columns whose names differ by one number that counts all joints, from 0 or from 1."""
+    """Group columns whose names differ by one number that counts all joints, from 0 or from 1."""
     stems: dict[tuple[str, ...], dict[int, int]] = {}
-    for index, one in enumerate(named):
-        if index in taken:
+    for index, column in enumerate(named):
+        if index in used:
             continue
-        for place, word in enumerate(one.words):
+        for place, word in enumerate(column.words):
             if word.isdigit():
-                stem = (*one.words[:place], "#", *one.words[place + 1 :])
+                stem = (*column.words[:place], "#", *column.words[place + 1 :])
                 stems.setdefault(stem, {}).setdefault(int(word), index)
-    found: dict[tuple[str, ...], dict[int, int]] = {}
+    by_stem: dict[tuple[str, ...], dict[int, int]] = {}
     reasons: dict[tuple[str, ...], str] = {}
+    # Stems with most numbers first: a name may hold several numbers, and only one of them counts the joints.
     for stem, members in sorted(stems.items(), key=lambda pair: -len(pair[1])):
         for base in (1, 0):
-            if set(members) == set(range(base, base + n)) and not taken & set(members.values()):
-                found[stem] = {number - base: index for number, index in members.items()}
+            if set(members) == set(range(base, base + n)) and not used & set(members.values()):
+                by_stem[stem] = {number - base: index for number, index in members.items()}
                 reasons[stem] = f"the joints are counted from {base} in the names"
-                taken = taken | set(members.values())
+                used = used | set(members.values())
                 break
-    pendant, why = _by_pendant(named, taken, n)
-    return found | pendant, reasons | why
+    pendant, why = _by_pendant(named, used, n)
+    return by_stem | pendant, reasons | why
 
 
 def _by_pendant(
-    named: Sequence[Named], taken: set[int], n: int
+    named: Sequence[Named], used: set[int], n: int
 ) -> tuple[dict[tuple[str, ...], dict[int, int]], dict[tuple[str, ...], str]]:
     if n != len(_PENDANT):
         return {}, {}
     stems: dict[tuple[str, ...], dict[int, int]] = {}
-    for index, one in enumerate(named):
-        if index in taken:
+    for index, column in enumerate(named):
+        if index in used:
             continue
         for joint, words in enumerate(_PENDANT):
-            place = _place(one.words, words)
+            place = _place(column.words, words)
             if place is not None:
-                stem = (*one.words[:place], "*", *one.words[place + len(words) :])
+                stem = (*column.words[:place], "*", *column.words[place + len(words) :])
                 stems.setdefault(stem, {}).setdefault(joint, index)
     whole = {stem: group for stem, group in stems.items() if len(group) == n}
     return whole, dict.fromkeys(whole, "the joints are called base, shoulder, elbow and wrist 1 to 3")

@@ -1,4 +1,4 @@
-"""From a sample of a file's columns and a robot to proposed metadata: names are held against the data."""
+"""Propose the metadata of a file from a sample of its columns: names are checked against the data."""
 
 from __future__ import annotations
 
@@ -53,24 +53,36 @@ NO_MEASUREMENT: dict[EffortKind, str] = {
 }
 
 _FEWEST_ROWS = 3
+"""Rows with a time, below which that column is not the time."""
 
 _CLEARLY = 1.25
-"""Times what the robot's dynamics have to leave of the torque in another order, for it to be refuted."""
+"""Ratio of the unexplained shares above which another order of the columns is refuted."""
 
 
 def propose(sample: Sample, robot: Robot) -> Proposal:
-    """Guess what the columns are. Where that is not sure, the proposal has questions."""
+    """Guess what the columns are. Where that is not sure, the proposal has questions.
+
+    Parameters
+    ----------
+    sample : Sample
+    robot : Robot
+
+    Returns
+    -------
+    Proposal
+    """
     units = find_units(robot)
     return _Guesser(sample, robot if units is None else units.of(robot), robot).run()
 
 
 @dataclass
 class _Guesser(WorkingProposal):
-    """`given` is the robot whose description may not be in SI units; `robot` is in them."""
+    """A proposal in the making: the steps from names and data to columns, units and the kind of effort."""
 
     silent: list[int] = field(default_factory=list)
 
     def run(self) -> Proposal:
+        """Guess time, groups of columns, positions, efforts and units, in this order."""
         sample, n = self.sample, self.robot.n
         self.of_poses = are_poses(self)
         self.alive = changing(sample.values) if len(sample.values) else np.zeros(len(sample.names), dtype=bool)
@@ -78,6 +90,7 @@ class _Guesser(WorkingProposal):
         for remark in self.sample.remarks:
             self.say("rows", "joined", 0.95, remark)
         self._set_aside()
+        # Everything else needs the time: slopes, filters and fits.
         clock = guess_clock_of_poses(self) if self.of_poses else guess_clock(self)
         if clock is None:
             return self._done(kind)
@@ -90,24 +103,30 @@ class _Guesser(WorkingProposal):
         self.values = filled(sample.values[good])
         self.t = self.t[good]
         labels = None if segment is None else segment[good]
+        # From here on every guess can be tested: the better the columns are understood, the more the dynamics
+        # explain.
         self.fits = PoseFits(self.robot, self.t) if self.of_poses else Fits(self.robot, self.t, labels)
-        others = [one for index, one in enumerate(self.named) if index != clock.column]
+        others = [name for index, name in enumerate(self.named) if index != clock.column]
         places = [index for index in range(len(self.named)) if index != clock.column]
         followers = () if self.robot.linkage is None else self.robot.linkage.passive
         names = [self.robot.tree.joint_names[j] for j in followers]
         local, rest, following = groups_of(others, self.robot.joint_names, names)
         if following:
-            told = ", ".join(others[index].name for index in following)
-            self.say("columns", told, 0.9, "not used: of joints that are not driven, which follow from those that are")
+            unused = ", ".join(others[index].name for index in following)
+            self.say(
+                "columns", unused, 0.9, "not used: of joints that are not driven, which follow from those that are"
+            )
         local += groups_of_few_joints(others, rest, self.robot)
         in_groups = {index for group in local for index in group.columns}
         rest = [index for index in rest if index not in in_groups]
+        # The groups were numbered without the time column; number them as the file does.
         groups = [group.among(places) for group in local]
         groups += self._unnamed(groups, [places[index] for index in rest], n)
         position = self._position(groups)
         effort, kind = self._effort(groups, position)
         if position is None or effort is None:
             return self._done(kind)
+        # Registers and empty columns are corrected first, as the import will do it.
         self._read_signs(position, "q")
         self._read_signs(effort, "tau")
         self._without_torque(effort)
@@ -130,14 +149,14 @@ class _Guesser(WorkingProposal):
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
 
     def _set_aside(self) -> None:
-        """Say which columns hold no numbers at all."""
+        """Report which columns hold no numbers at all."""
         empty = np.flatnonzero(~np.isfinite(self.sample.values).any(axis=0)) if len(self.sample.values) else ()
         if len(empty):
             names = ", ".join(self.sample.names[column] for column in empty)
             self.say("columns", names, 0.9, "not used: no row of them holds a number")
 
     def _read_signs(self, group: Group, kind: str) -> None:
-        """Read the signs of registers that the log has without, as an import does."""
+        """Read unsigned register values as signed ones, as an import does."""
         columns = list(group.columns)
         decoded, register = decode_registers(self.values[:, columns], self.t, kind)
         if register is None:
@@ -150,38 +169,38 @@ class _Guesser(WorkingProposal):
         self.say("rows/registers", "put right", 0.95, detail)
 
     def _without_torque(self, effort: Group) -> None:
-        """Take torques that hold no number for not recorded, as an import does."""
+        """Treat torques that hold no number as not recorded, as an import does."""
         raw = np.array(self.sample.values)
         for joint, column in enumerate(effort.columns):
             if np.isfinite(raw[:, column]).any():
                 continue
             raw[:, column] = self.values[:, column] = 0.0
             name = self.robot.joint_names[joint]
-            told = (
+            reason = (
                 f"{name} has no torque: its equation is left out, its motion is used; --lock {name} if it is a finger"
             )
-            self.say(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, told)
+            self.say(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, reason)
             self.silent.append(joint)
         self.sample = replace(self.sample, values=raw)
 
     def _segment(self) -> FloatArray | None:
-        for index, one in enumerate(self.named):
+        for index, name in enumerate(self.named):
             values = self.sample.values[:, index]
-            if one.signal != "segment" or not np.isfinite(values).all() or (values != np.rint(values)).any():
+            if name.signal != "segment" or not np.isfinite(values).all() or (values != np.rint(values)).any():
                 continue
             if len(np.unique(values)) < max(2, len(values) // 20):
-                self.columns["segment"] = one.name
-                self.say("columns/segment", one.name, 0.9, "whole numbers that stay for long: runs")
+                self.columns["segment"] = name.name
+                self.say("columns/segment", name.name, 0.9, "whole numbers that stay for long: runs")
                 return np.asarray(values)
         return None
 
     def _unnamed(self, groups: list[Group], rest: list[int], n: int) -> list[Group]:
-        """Groups of the columns whose names say no signal."""
+        """Return groups of the columns whose names say no signal."""
         have = {group.signal for group in groups}
         if "q" in have and have & {"tau", "current", "effort"}:
             return []
         silent = [index for group in groups if group.signal is None for index in group.columns]
-        # What is called a command is no measurement, whatever it holds.
+        # A column whose name says command is no measurement, whatever it holds.
         measured = [index for index in (*rest, *silent) if self.named[index].rank < 4]
         pool = sorted({index for index in measured if self.named[index].signal is None or index in silent})
         pool = as_counted(self.named, whole_signals(pool, self.values, self.alive, n))
@@ -191,7 +210,7 @@ class _Guesser(WorkingProposal):
             return by_elimination(groups, whole, self._explains)
         groups[:] = [group for group in groups if group.signal is not None]
         for group in whole:
-            # Names that count the joints tell the order, the content the signal.
+            # The names count the joints, which gives the order; the content gives the signal.
             for signal, columns in (("q", kinds.positions), ("dq", kinds.rates), ("tau", kinds.efforts)):
                 if set(group.columns) == set(columns):
                     groups.append(Group(group.columns, signal, group.unit, group.rank, group.named, kinds.reason))  # type: ignore[arg-type]
@@ -200,17 +219,17 @@ class _Guesser(WorkingProposal):
         return self._ordered(kinds, pool)
 
     def _explains(self, positions: tuple[int, ...], efforts: tuple[int, ...]) -> float:
-        """Share of the torque that is left if these columns are it, whichever unit the positions are in."""
+        """Return the unexplained share of the torque if these columns are it, with positions in rad or in degrees."""
         q, tau = self.values[:, list(positions)], self.values[:, list(efforts)]
-        left = [self.fits.left(q * factor, tau) for factor in (1.0, np.pi / 180.0)]
-        return min((one for one in left if one is not None), default=1.0)
+        shares = [self.fits.left(q * factor, tau) for factor in (1.0, np.pi / 180.0)]
+        return min((share for share in shares if share is not None), default=1.0)
 
     def _ordered(self, kinds: Kinds, pool: list[int]) -> list[Group]:
-        """Unnamed columns of every kind in the robot's order: that of the pool, if nothing speaks against it."""
+        """Return unnamed columns of every kind in the robot's order: that of the pool, if nothing contradicts it."""
         named = [self.named[columns[0]] for columns in (kinds.positions, kinds.efforts)]
         positions, efforts = list(kinds.positions), list(kinds.efforts)
         place = {column: k for k, column in enumerate(pool)}
-        regular = all(is_in_order([place[column] for column in one]) for one in (positions, efforts))
+        regular = all(is_in_order([place[column] for column in of_signal]) for of_signal in (positions, efforts))
         counted = pool != sorted(pool)
         reason = f"{kinds.reason}; the joints in the order of {'their numbers' if counted else 'the file'}"
         if regular and counted and self._as_good_in_file_order(kinds):
@@ -229,7 +248,7 @@ class _Guesser(WorkingProposal):
         return groups
 
     def _as_good_in_file_order(self, kinds: Kinds) -> bool:
-        """Whether both stand in order in the file as well, and the robot's dynamics do not refute that."""
+        """Tell whether both also stand in order in the file, and the robot's dynamics do not refute that."""
         positions, efforts = sorted(kinds.positions), sorted(kinds.efforts)
         if not (is_in_order(positions) and is_in_order(efforts)):
             return False
@@ -237,8 +256,8 @@ class _Guesser(WorkingProposal):
         return in_file != counted and self._explains(*in_file) < _CLEARLY * self._explains(*counted)
 
     def _position(self, groups: list[Group]) -> Group | None:
-        found = sorted((group for group in groups if group.signal == "q"), key=lambda group: group.rank)
-        if not found:
+        candidates = sorted((group for group in groups if group.signal == "q"), key=lambda group: group.rank)
+        if not candidates:
             if missing := question_of_missing(self.named, self.robot):
                 self.questions.append(missing)
                 return None
@@ -249,27 +268,30 @@ class _Guesser(WorkingProposal):
             )
             self.ask("columns/q", detail, self.sample.names)
             return None
-        equal = [group for group in found if group.rank == found[0].rank]
+        # Several columns of the same rank that hold the same numbers are one signal, logged twice.
+        equal = [group for group in candidates if group.rank == candidates[0].rank]
         if len(equal) > 1 and not hold_the_same(self.values, equal):
             names = tuple(self.name_columns(group) for group in equal)
             self.ask("columns/q", "Several sets of columns may be the measured positions: which one?", names)
-        elif found[0].rank >= 4:
+        elif candidates[0].rank >= 4:
             self.ask(
-                "columns/q", f"{self.name_columns(found[0])} are commanded positions: where are the measured ones?"
+                "columns/q", f"{self.name_columns(candidates[0])} are commanded positions: where are the measured ones?"
             )
-        self.map("q", found[0])
-        return found[0]
+        self.map("q", candidates[0])
+        return candidates[0]
 
     def _effort(self, groups: list[Group], position: Group | None) -> tuple[Group | None, EffortKind]:
-        if any(one.field == "robot" for one in self.questions):
-            # Which joints the robot has is to be answered before.
+        if any(question.field == "robot" for question in self.questions):
+            # First the user has to say which joints the robot has.
             return None, "unknown"
-        found = [group for group in groups if group.signal in ("tau", "current", "effort") and group is not position]
-        silent = [group for group in found if not np.nan_to_num(self.values[:, list(group.columns)]).any()]
-        found = [group for group in found if self.alive[list(group.columns)].any()]
-        # Torque goes before current: it needs no gains.
-        found.sort(key=lambda group: (group.rank, group.signal != "tau"))
-        if not found and silent:
+        candidates = [
+            group for group in groups if group.signal in ("tau", "current", "effort") and group is not position
+        ]
+        silent = [group for group in candidates if not np.nan_to_num(self.values[:, list(group.columns)]).any()]
+        candidates = [group for group in candidates if self.alive[list(group.columns)].any()]
+        # Torque is preferred to current, as it needs no drive gains.
+        candidates.sort(key=lambda group: (group.rank, group.signal != "tau"))
+        if not candidates and silent:
             self.map(silent[0].signal or "tau", silent[0])
             detail = (
                 f"{self.name_columns(silent[0])} are 0 in every row: was the torque not recorded, or did the robot "
@@ -277,10 +299,10 @@ class _Guesser(WorkingProposal):
             )
             self.questions.append(Question("effort_kind", detail, ("joint_torque",), "constant_torque"))
             return None, "joint_torque"
-        if not found:
-            found = self._of_most_joints(position)
-        if not found:
-            if any(one.field == "robot" for one in self.questions):
+        if not candidates:
+            candidates = self._of_most_joints(position)
+        if not candidates:
+            if any(question.field == "robot" for question in self.questions):
                 return None, "unknown"
             detail = (
                 "No columns were recognised as torques or currents of all joints. Where they are in another file, "
@@ -288,8 +310,8 @@ class _Guesser(WorkingProposal):
             )
             self.ask("columns/tau", detail, self.sample.names)
             return None, "unknown"
-        best = found[0]
-        equal = [group for group in found[1:] if group.rank == best.rank and group.signal == best.signal]
+        best = candidates[0]
+        equal = [group for group in candidates[1:] if group.rank == best.rank and group.signal == best.signal]
         if equal:
             names = tuple(self.name_columns(group) for group in [best, *equal])
             self.ask("columns/tau", "Several sets of columns may be the measured torque: which one?", names)
@@ -305,29 +327,29 @@ class _Guesser(WorkingProposal):
         return best, kind
 
     def _of_most_joints(self, position: Group | None) -> list[Group]:
-        """Torques of most joints: those of the others were not recorded, or the joints are none of the arm's."""
+        """Return torques of most joints: those of the others were not recorded, or the joints are not the arm's."""
         if position is None:
             return []
         positions = self.values[:, list(position.columns)]
-        found = torque_of_most(self.named, self.robot, positions, len(self.named))
-        if isinstance(found, Question):
-            self.questions.append(found)
-        if not isinstance(found, Group):
+        torque = torque_of_most(self.named, self.robot, positions, len(self.named))
+        if isinstance(torque, Question):
+            self.questions.append(torque)
+        if not isinstance(torque, Group):
             return []
-        # A column that every joint without torque reads.
+        # All joints without a torque share one empty column.
         empty = np.full((len(self.sample.values), 1), np.nan)
         columns = (*self.sample.names, NOT_RECORDED), np.hstack([self.sample.values, empty])
         self.sample = Sample(*columns, self.sample.units)
         self.values = np.column_stack([self.values, np.zeros(len(self.values))])
         self.alive = np.append(self.alive, False)
-        return [found]
+        return [torque]
 
-    def _refuse_kind(self, kind: EffortKind, shown: str) -> None:
+    def _refuse_kind(self, kind: EffortKind, names: str) -> None:
         why = NO_MEASUREMENT[kind]
-        self.ask("effort_kind", f"{shown} are {why}. Nothing can be identified from them; give the measured torque.")
+        self.ask("effort_kind", f"{names} are {why}. Nothing can be identified from them; give the measured torque.")
 
     def _positions(self, position: Group, effort: Group) -> FloatArray | None:
-        """Positions (m, n) in SI."""
+        """Return the positions (m, n) in SI, and note their unit."""
         q = np.array(self.values[:, list(position.columns)])
         tau = self.values[:, list(effort.columns)]
         units = [self.named[index].unit for index in position.columns]
@@ -349,10 +371,10 @@ class _Guesser(WorkingProposal):
         return q
 
     def _rates(self, groups: list[Group], position: Group, q: FloatArray) -> None:
-        """Velocities that are the slope of the positions, and commanded positions that run beside them."""
-        found = sorted((group for group in groups if group.signal == "dq"), key=lambda group: group.rank)
-        if found:
-            group = found[0]
+        """Take velocities that are the slope of the positions, and report those that are not."""
+        candidates = sorted((group for group in groups if group.signal == "dq"), key=lambda group: group.rank)
+        if candidates:
+            group = candidates[0]
             values = self.values[:, list(group.columns)]
             n = q.shape[1]
             correlation, factor = slopes(self.t, np.column_stack([q, values]))
@@ -396,8 +418,8 @@ class _Guesser(WorkingProposal):
             kind = by_data.kind
             if kind in ("gravity_compensated", "external", "commanded"):
                 self._refuse_kind(kind, f"{self.name_columns(effort)} look as if they were ({by_data.reason}); they")
-        taken = "" if torque.unit in ("N m", "N") else f" (in {torque.unit})"
-        self.say("effort_kind", kind, by_data.confidence, f"{by_data.reason}{taken}")
+        unit_note = "" if torque.unit in ("N m", "N") else f" (in {torque.unit})"
+        self.say("effort_kind", kind, by_data.confidence, f"{by_data.reason}{unit_note}")
         if effort.unit in ("permille", "percent"):
             signal = "current"
             self.map("current", effort)
@@ -424,16 +446,16 @@ class _Guesser(WorkingProposal):
             self.effort_unit(signal or "tau", tau, effort, gains, reach)
         in_si = signal == "tau" or None not in gains
         if signal == "current":
-            asked = question_of_gains(self.name_columns(effort), effort.unit, gains, self.fits, (q, tau))
-            if asked is not None:
-                # By how much the torques are off is asked with the gains.
-                self.questions.append(asked)
+            question = question_of_gains(self.name_columns(effort), effort.unit, gains, self.fits, (q, tau))
+            if question is not None:
+                # The size of the torques depends on the gains, so it is asked together with them.
+                self.questions.append(question)
                 in_si = False
         self._check(q, tau * self._factors(signal or "tau", gains), effort, in_si=in_si)
         return kind
 
     def _factors(self, signal: str, gains: list[float | None]) -> FloatArray:
-        """(n,): what makes N m or N of the effort's numbers, 1 where that is not known."""
+        """Return the factors (n,) that make N m or N of the effort's numbers, 1 where they are not known."""
         factors = np.ones(self.robot.n)
         for index, joint in enumerate(self.robot.joints):
             unit = self.units.get(f"{signal}{index + 1}", self.units.get(signal))
@@ -444,15 +466,15 @@ class _Guesser(WorkingProposal):
         return factors
 
     def _check(self, q: FloatArray, tau: FloatArray, effort: Group, *, in_si: bool) -> None:
-        """Hold the columns against the robot's dynamics; where much is left, that stands first."""
+        """Check the columns against the robot's dynamics; where much is unexplained, that comes first."""
         positions = [self.columns[f"q{joint + 1}"] for joint in range(self.robot.n)]
         torques = [self.sample.names[column] for column in effort.columns]
         guesses, questions = hold_against(
             self.given, self.fits, q, tau, (positions, torques), in_si=in_si, silent=self.silent
         )
-        first = [one for one in guesses[:1] if one.confidence < of_units.SURE and one.value.endswith("left")]
+        first = [guess for guess in guesses[:1] if guess.confidence < of_units.SURE and guess.value.endswith("left")]
         self.guesses = [*first, *self.guesses, *guesses[len(first) :]]
-        if any(one.field == "units/tau" for one in questions):
-            # By how much they are off says more than that the unit is not known.
-            self.questions = [one for one in self.questions if one.field != "units/tau"]
+        if any(question.field == "units/tau" for question in questions):
+            # A question that says by how much the torques are off replaces the one that only says the unit is unknown.
+            self.questions = [question for question in self.questions if question.field != "units/tau"]
         self.questions += questions

@@ -1,4 +1,4 @@
-"""A look at a file: its format, what it most probably holds, and its first rows."""
+"""Inspect a file: its format, what it most probably holds, and its first rows."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SHOWN_ROWS = 20
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """What was found in a file; `proposal` is None without a robot. `rows` (m, columns) are its first ones."""
+    """The result of an inspection; `proposal` is None without a robot. `rows` (m, columns) are the first ones."""
 
     path: Path
     format: str
@@ -38,12 +38,12 @@ class Inspection:
 
     @cached_property
     def sha256(self) -> str:
-        """What the file is known by; read when it is asked for, since the whole file is, and not a sample of it."""
+        """SHA-256 of the whole file, which is read only when this is asked for."""
         return digest_of(self.path)
 
 
 def inspect_file(path: Path, robot: Robot | None, rate: float | None = None) -> Inspection:
-    """Look at a sample of a file: at most its first 65536 rows, or 16000 of a bag.
+    """Inspect a sample of a file: at most its first 65536 rows, or 16000 of a bag.
 
     Parameters
     ----------
@@ -53,6 +53,10 @@ def inspect_file(path: Path, robot: Robot | None, rate: float | None = None) -> 
         Whose recording it is; without it nothing is proposed.
     rate : float, optional
         Hz of the rows, where they have no time.
+
+    Returns
+    -------
+    Inspection
 
     Raises
     ------
@@ -71,31 +75,38 @@ def inspect_file(path: Path, robot: Robot | None, rate: float | None = None) -> 
 
 
 def _checked(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal:
-    """Ask, too, what would be refused when the file is read as proposed: its first rows are."""
+    """Import the sample as proposed, and turn what is refused into questions."""
+    # Open questions come first: without their answers the import would fail for reasons that are known already.
     if not proposal.is_sure:
         return proposal
     metadata = RecordingMetadata(columns=proposal.columns, units=proposal.units)
     with TemporaryDirectory(prefix="dynident-") as folder:
         rows = Path(folder) / "rows.parquet"
+        # The rows go through the real import, so that nothing is proposed that it would refuse afterwards.
         pq.write_table(pa.table(dict(zip(sample.names, sample.values.T, strict=True))), rows)
         try:
             import_recording(
                 rows, Path(folder) / "read.parquet", recorded_joints(robot), metadata=metadata, against=_told
             )
         except RecordingError as error:
-            refused = [one for one in error.checks if one.status == "error"]
-            asked = [Question("columns", one.detail, check=one.name) for one in refused]
-            return replace(proposal, questions=tuple(asked) or (Question("columns", error.detail),))
+            refused = [check for check in error.checks if check.status == "error"]
+            questions = [Question("columns", check.detail, check=check.name) for check in refused]
+            return replace(proposal, questions=tuple(questions) or (Question("columns", error.detail),))
     return proposal
 
 
 def _told(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...]:
-    """Say that the robot's dynamics were held against the columns already, so that friction alone need not tell."""
+    """Report that the columns were checked against the dynamics already, so that friction alone need not decide."""
     return (Check("torque_order", "ok", "Held against the robot's dynamics before."),)
 
 
 def sample_of(path: Path, rate: float | None = None) -> Sample:
     """Read the first rows of a file, whose `rate` in Hz may be stated.
+
+    Parameters
+    ----------
+    path : Path
+    rate : float, optional
 
     Raises
     ------
@@ -104,11 +115,11 @@ def sample_of(path: Path, rate: float | None = None) -> Sample:
     """
     source = open_source(path, None, rate)
     parts: list[FloatArray] = []
-    seen = 0
+    n_rows = 0
     for block in source.blocks():
-        parts.append(block[: source.sample_rows - seen])
-        seen += len(parts[-1])
-        if seen >= source.sample_rows:
+        parts.append(block[: source.sample_rows - n_rows])
+        n_rows += len(parts[-1])
+        if n_rows >= source.sample_rows:
             break
     values = np.concatenate(parts) if parts else np.empty((0, len(source.names)))
     return Sample(tuple(source.names), values, source.units, source.remarks)

@@ -1,4 +1,4 @@
-"""Joints that the robot has and a file has not, or not all signals of; and the other way round."""
+"""Find joints of the robot that a file lacks, or lacks a signal of; and columns of joints that the robot lacks."""
 
 from __future__ import annotations
 
@@ -17,47 +17,54 @@ _POSITIONS: tuple[Signal, ...] = ("q",)
 _EFFORTS: tuple[Signal, ...] = ("tau", "current", "effort")
 _OF_JOINTS: tuple[Signal, ...] = ("q", "dq", *_EFFORTS)
 _AT_ZERO, _MOST = 1e-3, 2.0 * np.pi
-"""rad or m: positions at which a joint is locked are told from 0, and are none of an angle in radians from 2 pi on."""
+"""rad or m: a locked joint's position below the first is 0; one above the second is no angle in radians."""
 
 
 def columns_of_strangers(named: Sequence[Named], columns: Mapping[str, str], n: int) -> list[str]:
-    """Give the columns of joints that a robot of n joints has not, where all of its own have theirs."""
+    """Return the columns of joints that a robot of n joints lacks, where all of its own joints have theirs."""
     if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
         return []
     used = set(columns.values())
-    known = {word for one in named if one.name in used for word in one.words}
-    strange = [one for one in named if one.signal in _OF_JOINTS and one.rank < 4 and one.name not in used]
-    return [one.name for one in strange if not set(one.words) <= known]
+    known = {word for column in named if column.name in used for word in column.words}
+    strange = [
+        column for column in named if column.signal in _OF_JOINTS and column.rank < 4 and column.name not in used
+    ]
+    return [column.name for column in strange if not set(column.words) <= known]
 
 
 def question_of_missing(named: Sequence[Named], robot: Robot) -> Question | None:
     """Ask to lock joints that have no column at all; None where the positions are not those of most joints."""
-    found = _of_most_joints(named, robot, _POSITIONS)
-    if found is None:
+    positions = _of_most_joints(named, robot, _POSITIONS)
+    if positions is None:
         return None
-    names = [name for joint, name in enumerate(robot.joint_names) if joint not in found[1]]
+    names = [name for joint, name in enumerate(robot.joint_names) if joint not in positions[1]]
     where = f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} in the robot, and not in the file"
     return Question("robot", f"{where}: lock {_them(names)}, --lock {','.join(names)}.")
 
 
 def torque_of_most(named: Sequence[Named], robot: Robot, positions: FloatArray, empty: int) -> Group | Question | None:
-    """Give the torques that most joints have; a question where a joint without stands still: it is none of the arm's.
+    """Return the torques that most joints have; a question where a joint without torque stands still.
 
     Parameters
     ----------
+    named : sequence of Named
+    robot : Robot
     positions : (m, n)
         Of all joints, in any unit.
     empty : int
-        The column that is put in the place of torques that there are not.
+        The column that is put in the place of missing torques.
 
     Returns
     -------
-    None where there are no such torques.
+    Group, Question or None
+        None where there are no such torques.
     """
-    found = _of_most_joints(named, robot, _EFFORTS)
-    if found is None:
+    torques = _of_most_joints(named, robot, _EFFORTS)
+    if torques is None:
         return None
-    first, columns = found
+    first, columns = torques
+    # A joint that stands still and has no torque is probably a gripper or a fixed axis: it is to be locked, not
+    # identified.
     still = [k for k in range(robot.n) if k not in columns and np.ptp(positions[:, k]) <= MOVED[robot.joints[k].kind]]
     if still:
         names = [robot.joint_names[joint] for joint in still]
@@ -73,10 +80,10 @@ def torque_of_most(named: Sequence[Named], robot: Robot, positions: FloatArray, 
 def _of_most_joints(
     named: Sequence[Named], robot: Robot, signals: Collection[Signal]
 ) -> tuple[Named, dict[int, int]] | None:
-    """Give the columns, by joint, of the most likely one of some signals."""
-    groups = [one for one in incomplete_groups(named, robot.joint_names) if one[0].signal in signals]
-    measured = [one for one in groups if one[0].rank < 4]
-    return min(measured, key=lambda one: (one[0].rank, one[0].signal != "tau"), default=None)
+    """Return the columns, by joint, of the most likely of some signals."""
+    groups = [group for group in incomplete_groups(named, robot.joint_names) if group[0].signal in signals]
+    measured = [group for group in groups if group[0].rank < 4]
+    return min(measured, key=lambda group: (group[0].rank, group[0].signal != "tau"), default=None)
 
 
 def _them(names: Sequence[str]) -> str:

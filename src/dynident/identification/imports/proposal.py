@@ -1,4 +1,4 @@
-"""A guess at what a file holds, as it is told to whoever has to confirm it."""
+"""The proposal of a file's metadata, which the user has to confirm: guesses and questions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dynident.recordings.stated import EffortKind
 
 @dataclass(frozen=True)
 class Guess:
-    """One thing that was guessed: the field of the metadata, its value, how sure (0 to 1), and why."""
+    """One guess: the field of the metadata, its value, the confidence (0 to 1), and the reason."""
 
     field: str
     value: str
@@ -20,7 +20,7 @@ class Guess:
 
 @dataclass(frozen=True)
 class Question:
-    """What has to be answered before the file can be used; `choices` are the answers that make sense.
+    """A question that has to be answered before the file can be used; `choices` are the answers that make sense.
 
     `check` is the name of the check that asks, if one does: to accept it is an answer, too.
     """
@@ -33,7 +33,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Metadata that are proposed for a file.
+    """Proposed metadata of a file.
 
     `columns` are ours to the file's, `units` by kind of signal, as `RecordingMetadata` takes them.
     """
@@ -46,5 +46,5 @@ class Proposal:
 
     @property
     def is_sure(self) -> bool:
-        """Whether it can be used as it is."""
+        """Whether the proposal can be used as it is."""
         return not self.questions

@@ -1,4 +1,4 @@
-"""What an import puts right in the rows of a file, put right in a sample of them, and in the user's words."""
+"""Apply the corrections of an import to a sample, and report them with the user's names."""
 
 from __future__ import annotations
 
@@ -17,13 +17,27 @@ from dynident.recordings.types import RecordingError
 def condition_sample(
     fits: Fits, rows: Sample, position: Group, effort: Group, q: FloatArray
 ) -> tuple[FloatArray, list[Guess]]:
-    """Put right what an import will in positions q (m, n) in rad or m, of the rows with a time, and say what."""
+    """Correct positions as an import will, and report the corrections.
+
+    Parameters
+    ----------
+    fits : Fits
+    rows : Sample
+        The rows with a time.
+    position, effort : Group
+    q : (m, n)
+        Positions in rad or m.
+
+    Returns
+    -------
+    tuple of array (m, n) and guesses
+    """
     positions, efforts = list(position.columns), list(effort.columns)
     known = np.where(np.isfinite(rows.values[:, positions]), q, np.nan)
     try:
         right, _, checks = fits.condition(known, rows.values[:, efforts])
     except RecordingError:
-        # What is wrong with the time is asked about elsewhere.
+        # An error here is about the time, which is asked about elsewhere.
         return q, []
     joints = fits.robot.joint_names
     names = dict(zip((f"q_{name}" for name in joints), positions, strict=True))
@@ -33,6 +47,7 @@ def condition_sample(
         if check.status != "ok":
             detail = check.detail
             for ours, column in names.items():
+                # The checks use the names of a stored recording; the user knows only the file's.
                 detail = re.sub(rf"(?<!\w){re.escape(ours)}(?!\w)", rows.names[column], detail)
             put_right.append(Guess(f"rows/{check.name}", "put right", 0.95, detail))
     return filled(right), put_right

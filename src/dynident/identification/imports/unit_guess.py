@@ -1,4 +1,4 @@
-"""A guessed unit, and what motions of robots have in common that units are told by."""
+"""A guessed unit, and what all motions of robots have in common, by which units are guessed."""
 
 from __future__ import annotations
 
@@ -7,18 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 
 LEAST_MOTION = np.deg2rad(3.5)
-"""rad: whoever records a robot moves one joint at least so far."""
+"""rad: in every recording at least one joint moves that far."""
 
 MOST_MOTION = 4.0 * np.pi * 1.05
-"""rad: two turns, and a little."""
+"""rad: no joint moves further; two turns, and a little."""
 
 CLEARLY = 1.25
-"""Times what another unit has to leave of the torque to be ruled out."""
+"""Ratio of the unexplained shares above which another unit is ruled out."""
 
 
 @dataclass(frozen=True)
 class UnitGuess:
-    """A unit, how sure it is (0 to 1), and why; below `SURE` it has to be confirmed, as one of `choices`, if any."""
+    """A unit, the confidence (0 to 1), and the reason.
+
+    Below `SURE` it has to be confirmed, as one of `choices`, if any.
+    """
 
     unit: str
     confidence: float

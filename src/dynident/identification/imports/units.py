@@ -1,4 +1,4 @@
-"""Which unit a signal is in: by its name, by what a robot of this size can do, by its slope, by a fit."""
+"""Guess the unit of a signal: by its name, by what a robot of this size can do, by its slope, by a fit."""
 
 from __future__ import annotations
 
@@ -27,48 +27,69 @@ __all__ = [
 ]
 
 _MORE = 1.05
+"""Share of a joint's range that its motion may exceed: limits of descriptions are rounded."""
 _PLACEHOLDER = 5000.0
 """N m, and more than a hundred times what the robot's size needs: such limits of effort say nothing."""
 _STROKE = (0.008, 4.0)
+"""m: shortest and longest stroke of a sliding joint."""
 
 
 def factor_of(signal: str, kind: str, unit: str) -> float:
-    """Factor from a unit to SI."""
+    """Return the factor from a unit to SI.
+
+    Parameters
+    ----------
+    signal, kind, unit : str
+        Such as "q", "revolute" and "deg".
+    """
     return FACTORS[signal, kind][unit]  # type: ignore[index]
 
 
 def position_unit(
     robot: Robot, q: FloatArray, stated: str | None, tau: FloatArray | None, fits: Fits
 ) -> UnitGuess | None:
-    """The unit of the revolute joints' positions (m, n); None where there is no such joint."""
+    """Guess the unit of the revolute joints' positions; None where there is no such joint.
+
+    Parameters
+    ----------
+    robot : Robot
+    q, tau : (m, n)
+        As the file has them.
+    stated : str, optional
+        What the names say.
+    fits : Fits
+        Of the sample.
+    """
     turning = [index for index, joint in enumerate(robot.joints) if joint.kind == "revolute"]
     if not turning:
         return None
     low, high = np.nanmin(q[:, turning], axis=0), np.nanmax(q[:, turning], axis=0)
     reach = float((high - low).max())
+    # First what the joints' limits allow; then, where several units are left, what the dynamics explain best.
     possible = [unit for unit in ("rad", "deg", "mrad", "rev") if _possible(robot, turning, low, high, unit)]
     likely = [unit for unit in possible if factor_of("q", "revolute", unit) * reach >= LEAST_MOTION]
     if stated is not None and stated in FACTORS["q", "revolute"]:
         if stated in possible:
             return UnitGuess(stated, 0.99, f"its name says {stated}, and the range of motion fits it")
         return UnitGuess(stated, 0.5, f"its name says {stated}, but that goes beyond the robot's limits")
+    # Hardly anyone logs mrad or revolutions, so these need the fit to be taken.
     usual = [unit for unit in likely if unit in ("rad", "deg")]
     whole = bool((q[:, turning] == np.rint(q[:, turning])).all())
     if not {"rad", "deg"} & set(possible) and (whole or not possible):
         counted = counts_unit(robot, turning, q, tau, fits)
         if counted is not None:
             return counted
-    left = _left(robot, q, tau, fits, likely) if len(likely) > 1 else {}
-    if left:
-        ranked = sorted(left, key=lambda unit: left[unit])
+    unexplained = _left(robot, q, tau, fits, likely) if len(likely) > 1 else {}
+    if unexplained:
+        ranked = sorted(unexplained, key=lambda unit: unexplained[unit])
         best = ranked[0]
-        clear = len(ranked) == 1 or left[ranked[1]] > CLEARLY * left[best]
-        if clear and len(left) == len(likely) and best in usual:
-            others = ", ".join(f"{left[unit]:.0%} as {unit}" for unit in ranked[1:])
+        clear = len(ranked) == 1 or unexplained[ranked[1]] > CLEARLY * unexplained[best]
+        if clear and len(unexplained) == len(likely) and best in usual:
+            others = ", ".join(f"{unexplained[unit]:.0%} as {unit}" for unit in ranked[1:])
             return UnitGuess(
-                best, 0.97, f"as {best} the robot's dynamics leave {left[best]:.0%} of the torque, {others}"
+                best, 0.97, f"as {best} the robot's dynamics leave {unexplained[best]:.0%} of the torque, {others}"
             )
-        if clear and len(left) == len(likely):
+        if clear and len(unexplained) == len(likely):
             return UnitGuess(best, 0.6, f"as {best} the robot's dynamics explain the torque best")
     if len(usual) == 1:
         ranges = f"the widest motion is then {np.rad2deg(reach * factor_of('q', 'revolute', usual[0])):.0f} deg"
@@ -84,7 +105,8 @@ def _possible(robot: Robot, turning: Sequence[int], low: FloatArray, high: Float
             return False
         if limits is not None and limits[1] > limits[0]:
             room = 0.05 * (limits[1] - limits[0]) + 0.1
-            # A turn more or less is the same place, and other zeros are in use.
+            # Only the width of the motion is compared with the limits: the zero may be another, and a turn more or
+            # less is the same place.
             if factor * (high[place] - low[place]) > _MORE * (limits[1] - limits[0]) + room:
                 return False
         if abs(factor) * max(abs(low[place]), abs(high[place])) > MOST_MOTION:
@@ -95,7 +117,7 @@ def _possible(robot: Robot, turning: Sequence[int], low: FloatArray, high: Float
 def _left(robot: Robot, q: FloatArray, tau: FloatArray | None, fits: Fits, units: Sequence[str]) -> dict[str, float]:
     if tau is None:
         return {}
-    found = {}
+    unexplained = {}
     for unit in units:
         scaled = np.array(q)
         for index, joint in enumerate(robot.joints):
@@ -103,10 +125,10 @@ def _left(robot: Robot, q: FloatArray, tau: FloatArray | None, fits: Fits, units
                 scaled[:, index] *= factor_of("q", "revolute", unit)
             else:
                 scaled[:, index] *= _sliding_factor(q[:, index])
-        left = fits.left(scaled, tau)
-        if left is not None:
-            found[unit] = left
-    return found
+        share = fits.left(scaled, tau)
+        if share is not None:
+            unexplained[unit] = share
+    return unexplained
 
 
 def _sliding_factor(q: FloatArray) -> float:
@@ -114,7 +136,16 @@ def _sliding_factor(q: FloatArray) -> float:
 
 
 def stroke_unit(q: FloatArray, limits: tuple[float, float] | None, stated: str | None) -> UnitGuess:
-    """The unit of a prismatic joint's positions (m,)."""
+    """Guess the unit of a prismatic joint's positions (m,).
+
+    Parameters
+    ----------
+    q : (m,)
+    limits : pair of float, optional
+        In m.
+    stated : str, optional
+        What its name says.
+    """
     if stated in FACTORS["q", "prismatic"]:
         assert stated is not None
         return UnitGuess(stated, 0.99, f"its name says {stated}")
@@ -135,11 +166,18 @@ def stroke_unit(q: FloatArray, limits: tuple[float, float] | None, stated: str |
 
 
 def rate_unit(signal: str, kind: str, factor: float, stated: str | None) -> UnitGuess | None:
-    """The unit of a velocity or acceleration that is 1/`factor` of what the positions' slope gives in SI.
+    """Guess the unit of a velocity or acceleration by the slope of the positions; None where no unit fits.
 
-    None where no unit does.
+    Parameters
+    ----------
+    signal, kind : str
+    factor : float
+        Slope of the positions in SI over the column.
+    stated : str, optional
+        What its name says.
     """
     known: dict[str, float] = FACTORS[signal, kind]  # type: ignore[index]
+    # In logarithms: a factor of two too large is as far off as one of two too small.
     near = {unit: abs(np.log(value / factor)) for unit, value in known.items()} if factor > 0 else {}
     best = min(near, key=lambda unit: near[unit], default=None)
     if best is None or near[best] > 0.12:
@@ -151,17 +189,28 @@ def rate_unit(signal: str, kind: str, factor: float, stated: str | None) -> Unit
 
 
 def reach_of(robot: Robot) -> float:
-    """Length in m of the robot from its base, all links stretched; 0.3 where the tree says nothing."""
+    """Return the length in m of the robot from its base, all links stretched; 0.3 where the tree says nothing."""
     return max(0.3, sum(float(np.linalg.norm(joint.placement[:3, 3])) for joint in robot.joints))
 
 
 def torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: float) -> UnitGuess:
-    """The unit of torques (m, n) by what a robot of this reach (m) needs, and by its limits of effort."""
+    """Guess the unit of torques by what a robot of this reach needs, and by its limits of effort.
+
+    Parameters
+    ----------
+    robot : Robot
+    tau : (m, n)
+    stated : str, optional
+        What the names say.
+    reach : float
+        In m.
+    """
     kind: JointKind = "revolute" if any(joint.kind == "revolute" for joint in robot.joints) else "prismatic"
     known: dict[str, float] = FACTORS["tau", kind]
     of_kind = [index for index, joint in enumerate(robot.joints) if joint.kind == kind]
     most = float(np.nanmax(np.abs(tau[:, of_kind])))
     allowed = [robot.joints[index].limits.effort for index in of_kind]
+    # The mass of arms grows with the cube of their reach, and the torque of gravity is mass times reach.
     usual = 9.81 * reach**4 if kind == "revolute" else 9.81 * 10 * reach**3
     base = "N m" if kind == "revolute" else "N"
     small, large = ("mN m", "kN m") if kind == "revolute" else ("mN", "kN")
@@ -181,19 +230,31 @@ def torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: float)
         if fits(stated):
             return UnitGuess(stated, 0.99, f"its name says {stated}")
         return UnitGuess(stated, 0.82, f"its name says {stated}, though {most:.3g} {stated} is strange for this robot")
-    found = [unit for unit in (base, small, large) if fits(unit)]
-    if len(found) == 1:
+    possible = [unit for unit in (base, small, large) if fits(unit)]
+    if len(possible) == 1:
         return UnitGuess(
-            found[0], 0.92, f"its largest value, {most:.4g}, is what a robot of this size needs in {found[0]}"
+            possible[0], 0.92, f"its largest value, {most:.4g}, is what a robot of this size needs in {possible[0]}"
         )
-    return UnitGuess(base, 0.4, f"its largest value is {most:.4g}; {' or '.join(found) or 'no unit'} would be possible")
+    return UnitGuess(
+        base, 0.4, f"its largest value is {most:.4g}; {' or '.join(possible) or 'no unit'} would be possible"
+    )
 
 
 def current_unit(i: FloatArray, gains: Sequence[float | None], robot: Robot, stated: str | None) -> UnitGuess:
-    """The unit of currents (m, n): by the torque that they make with the drive gains, or by their size."""
+    """Guess the unit of currents by the torque that they make with the drive gains, or by their size.
+
+    Parameters
+    ----------
+    i : (m, n)
+    gains : sequence of float or None
+    robot : Robot
+    stated : str, optional
+        What the names say.
+    """
     if stated in ("A", "mA"):
         return UnitGuess(stated, 0.99, f"its name says {stated}")
     most = np.nanmax(np.abs(i), axis=0)
+    # With gains and limits known, the currents must make a sensible share of the torque that the joint can give.
     shares = [
         abs(gain) * most[index] / limit
         for index, (gain, joint) in enumerate(zip(gains, robot.joints, strict=True))

@@ -1,4 +1,4 @@
-"""Columns whose names say nothing: what they are by what is in them, and of which joint."""
+"""Identify columns whose names say nothing: their signal by their content, and their joint."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from dynident.identification.imports.facts import SLOPE, roughness, slopes
 from dynident.identification.imports.words import Named
 
 _EXPLAINED, _CLEARLY = 0.3, 1.5
+"""Largest unexplained share of the torque for an order of the columns to be taken, and ratio to the next best order."""
 _GAP = 3.0
-"""Times that the smoothest torque is rougher than the roughest position."""
+"""Ratio of the smoothest torque's roughness to the roughest position's, at least."""
 
 
 @dataclass(frozen=True)
@@ -31,28 +32,43 @@ def kinds_of(
     values: FloatArray,
     columns: Sequence[int],
     n: int,
-    left: Callable[[tuple[int, ...], tuple[int, ...]], float],
+    unexplained: Callable[[tuple[int, ...], tuple[int, ...]], float],
 ) -> Kinds | None:
     """Tell positions, velocities and torques of n joints apart.
 
-    `left` says what share of torques is not explained by the motion of positions, given the columns of both. None where
-    there are not as many columns as that needs, or they do not differ clearly.
+    Parameters
+    ----------
+    t : (m,)
+        In s.
+    values : (m, c)
+    columns : sequence of int
+        Those in question.
+    n : int
+        Number of joints.
+    unexplained : function
+        Returns the share of torques that the motion of positions leaves, given the columns of both.
+
+    Returns
+    -------
+    Kinds or None
+        None where there are not as many columns as that needs, or they do not differ clearly.
     """
     part = values[:, list(columns)]
     if len(columns) == 3 * n:
-        found = _by_slopes(t, part, columns, n)
-        if found is None:
+        by_slope = _by_slopes(t, part, columns, n)
+        if by_slope is None:
             return _three_blocks(t, part, columns, n, np.max)
-        if all(is_in_order(one) for one in (found.positions, found.rates, found.efforts)):
-            return found
-        # A torque may run beside a velocity by chance: blocks side by side of which most joints say the same go first.
-        return _three_blocks(t, part, columns, n, np.median) or found
+        if all(is_in_order(block) for block in (by_slope.positions, by_slope.rates, by_slope.efforts)):
+            return by_slope
+        # A torque may resemble a velocity by chance. So whole blocks of columns, with the median over the joints, are
+        # preferred to single pairs.
+        return _three_blocks(t, part, columns, n, np.median) or by_slope
     if len(columns) != 2 * n:
         return None
     rough = roughness(t, part)
     order = np.argsort(rough)
     if rough[order[n]] < _GAP * rough[order[n - 1]]:
-        return _two_blocks(columns, n, left)
+        return _two_blocks(columns, n, unexplained)
     smooth = set(order[:n].tolist())
     return Kinds(
         tuple(columns[index] for index in range(2 * n) if index in smooth),
@@ -71,11 +87,13 @@ def _by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) 
         for index in range(len(columns))
         if correlation[index, follower[index]] > SLOPE and correlation[:, follower[index]].argmax() == index
     ]
+    # Positions lead to velocities. A velocity leads to accelerations, which look like torques, so a follower must not
+    # lead.
     pairs = [(index, int(follower[index])) for index in led if follower[index] not in led]
     if len(pairs) != n:
         return None
-    taken = {index for pair in pairs for index in pair}
-    rest = [index for index in range(len(columns)) if index not in taken]
+    paired = {index for pair in pairs for index in pair}
+    rest = [index for index in range(len(columns)) if index not in paired]
     return Kinds(
         tuple(columns[first] for first, _ in pairs),
         tuple(columns[second] for _, second in pairs),
@@ -87,7 +105,7 @@ def _by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) 
 def _three_blocks(
     t: FloatArray, part: FloatArray, columns: Sequence[int], n: int, of_joints: Callable[[list[float]], float]
 ) -> Kinds | None:
-    """Three signals of all joints side by side, some of which stand still: told by the joints that move."""
+    """Find three signals of all joints side by side, some of which stand still, by the joints that move."""
     correlation, _ = slopes(t, part)
     best: tuple[float, tuple[list[int], ...]] | None = None
     for blocks in _layouts(n, 3):
@@ -96,10 +114,10 @@ def _three_blocks(
                 if first == second:
                     continue
                 pairs = [correlation[a, b] for a, b in zip(blocks[first], blocks[second], strict=True)]
-                told = float(of_joints(pairs))
-                if told > SLOPE and (best is None or told > best[0]):
+                correlated = float(of_joints(pairs))
+                if correlated > SLOPE and (best is None or correlated > best[0]):
                     rest = blocks[3 - first - second]
-                    best = told, (blocks[first], blocks[second], rest)
+                    best = correlated, (blocks[first], blocks[second], rest)
     if best is None:
         return None
     q, dq, tau = (tuple(columns[index] for index in block) for block in best[1])
@@ -107,51 +125,56 @@ def _three_blocks(
 
 
 def _two_blocks(
-    columns: Sequence[int], n: int, left: Callable[[tuple[int, ...], tuple[int, ...]], float]
+    columns: Sequence[int], n: int, unexplained: Callable[[tuple[int, ...], tuple[int, ...]], float]
 ) -> Kinds | None:
-    """Two signals of all joints side by side: as which of them the robot's dynamics explain the torque."""
-    tried = []
+    """Find two signals of all joints side by side, by the order with which the dynamics explain the torque."""
+    trials = []
     for blocks in _layouts(n, 2):
         for first in (0, 1):
             q, tau = (tuple(columns[index] for index in blocks[place]) for place in (first, 1 - first))
-            tried.append((left(q, tau), q, tau))
-    tried.sort(key=lambda one: one[0])
-    if tried[0][0] > _EXPLAINED or tried[1][0] < _CLEARLY * tried[0][0]:
+            trials.append((unexplained(q, tau), q, tau))
+    trials.sort(key=lambda trial: trial[0])
+    if trials[0][0] > _EXPLAINED or trials[1][0] < _CLEARLY * trials[0][0]:
         return None
-    share, q, tau = tried[0]
+    share, q, tau = trials[0]
     return Kinds(q, (), tau, f"taken so, the robot's dynamics leave {share:.0%} of the torque; otherwise far more")
 
 
 def _layouts(n: int, signals: int) -> list[list[list[int]]]:
-    """Places of the signals' columns: signal by signal, or joint by joint."""
+    """Return the places of the signals' columns: signal by signal, or joint by joint."""
     by_signal = [list(range(k * n, (k + 1) * n)) for k in range(signals)]
     by_joint = [list(range(k, n * signals, signals)) for k in range(signals)]
     return [by_signal, by_joint]
 
 
 def whole_signals(columns: Sequence[int], values: FloatArray, alive: BoolArray, n: int) -> list[int]:
-    """Columns that change; with those of joints that stand still where it is not whole signals of n joints else."""
+    """Return the columns that change; or all of them, where only all make whole signals of n joints."""
     numbers = [index for index in columns if np.isfinite(values[:, index]).all()]
     moving = [index for index in numbers if alive[index]]
     return numbers if len(moving) % n and not len(numbers) % n else moving
 
 
 def as_counted(named: Sequence[Named], columns: list[int]) -> list[int]:
-    """Columns in the order of the number in their names, where that alone tells them apart; else as they are."""
+    """Return columns in the order of the number in their names, where that alone tells them apart; else unchanged."""
     numbers = [named[index].numbers for index in columns]
     stems = {tuple(word for word in named[index].words if not word.isdigit()) for index in columns}
-    if len(stems) != 1 or any(len(one) != 1 for one in numbers) or len(set(numbers)) < len(numbers):
+    if len(stems) != 1 or any(len(number) != 1 for number in numbers) or len(set(numbers)) < len(numbers):
         return columns
-    return [columns[place] for place in np.argsort([one[0] for one in numbers])]
+    return [columns[place] for place in np.argsort([number[0] for number in numbers])]
 
 
 def is_in_order(columns: Sequence[int]) -> bool:
-    """Whether columns stand side by side in the file, or in even steps."""
+    """Tell whether columns stand side by side in the file, or in even steps."""
     return len(set(np.diff(columns).tolist())) <= 1
 
 
 def own_torques(t: FloatArray, q: FloatArray, tau: FloatArray) -> tuple[IntArray, float]:
-    """Which torque is that of which position, by friction and inertia of the joint itself.
+    """Assign torques to positions, by friction and inertia of the joint itself.
+
+    Parameters
+    ----------
+    t : (m,)
+    q, tau : (m, n)
 
     Returns
     -------
@@ -168,13 +191,15 @@ def own_torques(t: FloatArray, q: FloatArray, tau: FloatArray) -> tuple[IntArray
         rows = np.column_stack([np.tanh(own / (0.05 * own.std() + 1e-12)), own, np.ones(len(own))])
         for other in range(n):
             target = tau[::width, other]
-            left = target - rows @ np.linalg.lstsq(rows, target, rcond=None)[0]
-            shares[joint, other] = 1.0 - left.var() / max(target.var(), 1e-30)
+            remainder = target - rows @ np.linalg.lstsq(rows, target, rcond=None)[0]
+            shares[joint, other] = 1.0 - remainder.var() / max(target.var(), 1e-30)
+    # The assignment with the largest product of shares, by the Hungarian algorithm on their logarithms.
     certainty = np.log(np.clip(shares, 1e-3, 1.0))
     rows_, order = linear_sum_assignment(-certainty)
     best = float(certainty[rows_, order].sum())
     second = -np.inf
     for joint in range(n):
+        # Forbid one pair after the other: the best of these assignments is the runner-up.
         blocked = certainty.copy()
         blocked[joint, order[joint]] = -50.0
         again = linear_sum_assignment(-blocked)

@@ -1,4 +1,4 @@
-"""What the name of a column says: the kind of signal, the joint, the unit, and whether it was measured."""
+"""Read the names of columns: the kind of signal, the joint, the unit, and whether it was measured."""
 
 from __future__ import annotations
 
@@ -83,10 +83,7 @@ _PART = re.compile(r"[A-Z]+(?![a-zµ])|[A-Z]?[a-zäöüßµμ]+|\d+|[°‰%]")
 
 @dataclass(frozen=True)
 class Named:
-    """What a name says; `stem` is the same for the columns of one signal of all joints, `numbers` tell them apart.
-
-    `stem` holds a mark in the place of each number.
-    """
+    """What a column's name says: signal, unit, words, numbers, and marks such as commanded or measured."""
 
     name: str
     signal: Signal | None
@@ -102,7 +99,7 @@ class Named:
 
     @property
     def rank(self) -> int:
-        """The lower, the more it is the measured signal of a joint."""
+        """Rank of the column: the lower, the more it is the measured signal of a joint."""
         return (
             8 * self.external
             + 8 * self.compensated
@@ -114,25 +111,36 @@ class Named:
 
 
 def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[Named]:
-    """Take the names of all columns apart; `units` by name are what the file states elsewhere."""
+    """Read the names of all columns.
+
+    Parameters
+    ----------
+    names : sequence of str
+    units : mapping of str to str
+        Units by name that the file states elsewhere.
+
+    Returns
+    -------
+    list of Named
+    """
     heads = {name.rstrip("0123456789") for name in names}
     meant = {word: text for needed, words in _LOGGERS if needed <= heads for word, text in words.items()}
-    found = []
+    columns = []
     for name in names:
         head = name.rstrip("0123456789")
         plain = f"{meant[head]} {name[len(head) :]}" if head in meant else name
-        found.append(replace(read_name(plain, units.get(name, "")), name=name))
-    return found
+        columns.append(replace(read_name(plain, units.get(name, "")), name=name))
+    return columns
 
 
 def read_name(name: str, unit: str = "") -> Named:
-    """Take a column's name apart; `unit` is what the file states elsewhere."""
+    """Read a column's name; `unit` is what the file states elsewhere."""
     for word, meaning in _SPELT.items():
         name = name.replace(word, meaning)
     bracket = _BRACKET.search(name)
     inner = bracket.group(1) if bracket else ""
     stated = _UNITS.get(_plain(unit or inner))
-    # A number in brackets is an index, anything else a unit, if one that is not known.
+    # A number in brackets is an index; anything else is a unit, even if it is not a known one.
     text = name if bracket is None or (stated is None and inner.isdigit()) else name[: bracket.start()]
     ending = _ENDING.search(text)
     if stated is None and ending is not None:
@@ -162,7 +170,7 @@ def _plain(unit: str) -> str:
 
 
 def signal_of_unit(unit: str | None) -> Signal | None:
-    """The kind of signal that a unit belongs to, where it is one alone."""
+    """Return the kind of signal that a unit belongs to, where it is only one."""
     if unit is None:
         return None
     if unit in ("rad", "deg", "mrad", "rev"):
@@ -181,7 +189,7 @@ def signal_of_unit(unit: str | None) -> Signal | None:
 
 
 def _without_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str, ...], str | None]:
-    """Take a unit off the end of the words: angle_1_deg."""
+    """Split a unit off the end of the words: angle_1_deg."""
     if stated is None and len(words) >= 3 and words[-2:] in _PAIRS:
         return words[:-2], _PAIRS[words[-2:][0], words[-2:][1]]
     if stated is None and words[-2:] in (("nano", "sec"), ("nano", "secs")):
@@ -195,22 +203,22 @@ def _without_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str
 def _signal(plain: list[str], words: tuple[str, ...]) -> Signal | None:
     if any(word in _OTHER for word in plain):
         return "other"
-    found: Signal | None = None
+    kind: Signal | None = None
     for word in plain:
         for signal, known in _WORDS.items():
             if word not in known or (word == "i" and len(plain) > 2):
                 continue
-            # The last word of a kind is the one that counts: position_current is no current.
-            if found is None or len(word) > 1:
-                found = signal
+            # The last word that names a kind decides: current_position is a position.
+            if kind is None or len(word) > 1:
+                kind = signal
     derived = "".join(plain)
-    if found == "q" and derived.startswith(("dq", "dtheta")):
+    if kind == "q" and derived.startswith(("dq", "dtheta")):
         return "dq"
-    if found is None and "index" in plain:
+    if kind is None and "index" in plain:
         return "other"
-    if "current" in plain and found in ("q", "dq", "tau") and not _is_last(plain, "current"):
-        return found
-    return found
+    if "current" in plain and kind in ("q", "dq", "tau") and not _is_last(plain, "current"):
+        return kind
+    return kind
 
 
 def _is_last(plain: list[str], word: str) -> bool:

@@ -1,4 +1,4 @@
-"""A proposal of what a file's columns are, while it is being made: what was guessed, and what is to be asked."""
+"""A proposal of what a file's columns are, while it is being made: guesses so far, and questions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dynident.robot import Robot
 
 @dataclass
 class WorkingProposal:
-    """`given` is the robot whose description may not be in SI units; `robot` is in them."""
+    """A proposal in the making. `given` is the robot as described; `robot` has its masses in SI units."""
 
     sample: Sample
     robot: Robot
@@ -29,15 +29,15 @@ class WorkingProposal:
 
     @cached_property
     def named(self) -> list[Named]:
-        """What the name of every column says."""
+        """Columns' names, taken apart into signal, joint and unit."""
         return read_names(self.sample.names, self.sample.units)
 
     def say(self, name: str, value: str, confidence: float, reason: str) -> None:
-        """Note a guess, how sure it is, and why."""
+        """Add a guess, its confidence, and its reason."""
         self.guesses.append(Guess(name, value, round(confidence, 2), reason))
 
     def ask(self, name: str, detail: str, choices: tuple[str, ...] = ()) -> None:
-        """Ask a question that only a person can answer."""
+        """Add a question that only a person can answer."""
         self.questions.append(Question(name, detail, choices))
 
     def unit(self, key: str, guess: of_units.UnitGuess, usual: str) -> None:
@@ -58,11 +58,11 @@ class WorkingProposal:
             return
         guess = of_units.torque_unit(self.robot, tau, effort.unit, reach)
         if effort.signal == "effort" and effort.unit is None and guess.unit not in ("N m", "N"):
-            # Nothing calls it a torque: a current, a register, or an error of position times a gain may be as large.
+            # The name does not say torque: a current, a register, or a position error times a gain may be as large.
             reason = f"{guess.reason}: if it is a torque at all, and no current, register or error of a controller"
             guess = of_units.UnitGuess("N m", 0.5, reason, ("N m", guess.unit))
         for index, joint in enumerate(self.robot.joints):
-            mixed = len({one.kind for one in self.robot.joints}) > 1
+            mixed = len({other.kind for other in self.robot.joints}) > 1
             if mixed or index == 0:
                 unit = guess.unit.replace(" m", "") if joint.kind == "prismatic" else guess.unit
                 key = f"tau{index + 1}" if mixed else "tau"
@@ -71,13 +71,13 @@ class WorkingProposal:
                 )
 
     def map(self, signal: str, group: Group) -> None:
-        """Take the columns of a group for a signal of the joints."""
+        """Assign the columns of a group to a signal of the joints."""
         for joint, column in enumerate(group.columns):
             name = self.sample.names[column]
             self.columns[f"{'tau' if name == NOT_RECORDED else signal}{joint + 1}"] = name
         self.say(f"columns/{signal}", self.name_columns(group), 0.95 if group.rank < 4 else 0.6, group.reason)
 
     def name_columns(self, group: Group) -> str:
-        """Name the first and the last column of a group."""
+        """Return the names of the first and the last column of a group."""
         first, last = (self.sample.names[group.columns[place]] for place in (0, -1))
         return f"{first} … {last}" if first != last else first

@@ -1,1 +1,1 @@
-"""What runs with a known load tell: of drive gains, of loads, of a robot whose gains nobody knows."""
+"""Known loads: drive gains from runs with a known payload, payload masses, and models in units of current."""

@@ -1,8 +1,9 @@
-"""The formulation that needs no drive gain [Khalil 93], [Gautier 94] (§12.3.6): parameters in units of current.
+"""Identification without drive gains [Khalil 93], [Gautier 94] (§12.3.6): parameters in units of current.
 
 Divided by its unknown gain, the equation of one joint is u_j = Φ_j (χ / g_j): the current is as linear in χ / g_j as
 the torque is in χ. Every joint then has parameters of its own, those that its equation tells apart, and predicts its
-current without any gain being known. Lost is what ties the joints together: that χ is the same in all equations.
+current without any gain being known. The price: χ is no longer the same in all equations, which tied the joints
+together.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ _STATES = 400
 class CurrentParameter:
     """One parameter of a joint's current: χ / g with its unit, and the base parameters that it is a sum of.
 
-    `interval` holds the true value in 95 of 100 cases; `judgement` is what it says of the value.
+    `interval` holds the true value in 95 of 100 cases; `judgement` is what the interval says of the value.
     """
 
     name: str
@@ -50,7 +51,7 @@ class CurrentParameter:
 
 @dataclass(frozen=True, eq=False)
 class CurrentModel:
-    """What the currents of one joint are made of.
+    """Model of the current of one joint.
 
     `base` groups the model's base parameters by what this joint's equation tells apart; `solution` and `statistics`
     are of these, in units of χ over those of the gain; `fit` and `held_out` are the errors of its current (A), in the
@@ -88,6 +89,14 @@ def identify_currents(
         With values for all of their shape constants.
     stated : sequence of float, optional
         Gains that the recordings' torque was computed with; those of the robot's drives where left out, else 1.
+    preprocessing : Preprocessing, optional
+        Filters; from the data where left out.
+    progress : Progress
+
+    Returns
+    -------
+    tuple of CurrentModel
+        One for each joint.
 
     Raises
     ------
@@ -96,6 +105,7 @@ def identify_currents(
         joints, or data that do not determine a joint's parameters.
     """
     refuse_coupled_drives(robot, "currents are told joint by joint for")
+    # Files usually hold torque that somebody computed from the current; dividing by that gain undoes it.
     gains = stated_gains(robot, stated)
     check_current_effects(effects)
     check_recordings(robot, recordings, validation)
@@ -108,18 +118,25 @@ def identify_currents(
     if validation:
         held_out = reduce_recordings(model.observation, validation, chosen, nothing, part(progress, 0.7, 0.95))
         held_out = scaled(held_out, 1.0 / gains)
+    # The recorded torque was computed with the stated gains; divided by these it is the current again.
     training = scaled(training, 1.0 / gains)
+    # Which columns a joint's equation tells apart does not depend on the recordings: random states decide it.
     rows = random_observation(model.observation, _STATES).reshape(_STATES, robot.n, model.n_parameters)
-    found = tuple(_current_model(model, joint, rows[:, joint], training, held_out) for joint in range(robot.n))
+    models = tuple(_current_model(model, joint, rows[:, joint], training, held_out) for joint in range(robot.n))
     progress(1.0, "solved")
-    return found
+    return models
 
 
 def check_current_effects(effects: Sequence[EffectChoice]) -> None:
-    """Raise for effects that no joint's current shows by itself."""
+    """Raise for effects that no joint's current shows by itself.
+
+    Raises
+    ------
+    DynidentError
+    """
     for index, choice in enumerate(effects):
         effect = effect_by_id(choice.effect, f"/effects/{index}")
-        open_ones = [one.name for one in effect.shapes if one.name not in choice.shape_values]
+        open_ones = [spec.name for spec in effect.shapes if spec.name not in choice.shape_values]
         reason = ""
         if effect.needs_load:
             reason = "rests on the predicted torque, which nobody knows without the gains; leave it out"
@@ -134,9 +151,11 @@ def check_current_effects(effects: Sequence[EffectChoice]) -> None:
 def _current_model(
     model: Model, joint: int, rows: FloatArray, training: Reduction, held_out: Reduction | None
 ) -> CurrentModel:
+    """Identify the current of one joint from its own equation."""
     base = select_base(rows, tuple(column.name for column in model.kept))
-    kept = np.array(base.kept, dtype=np.intp)
-    own = only(training, (joint,)).select(kept)
+    kept_columns = np.array(base.kept, dtype=np.intp)
+    # Only this joint's equation, in the columns that it tells apart.
+    own = only(training, (joint,)).select(kept_columns)
     name = model.robot.joint_names[joint]
     if not own.equations[joint].joined[:, -1].any():
         raise DynidentError(f"the current of {name} is zero throughout", pointer="/measurement_ids", title="No current")
@@ -162,5 +181,7 @@ def _current_model(
             strict=True,
         )
     )
-    tried = None if held_out is None else errors(only(held_out, (joint,)).select(kept), solution.values)
-    return CurrentModel(name, base, parameters, solution, certainty, errors(own, solution.values), tried)
+    held_out_errors = (
+        None if held_out is None else errors(only(held_out, (joint,)).select(kept_columns), solution.values)
+    )
+    return CurrentModel(name, base, parameters, solution, certainty, errors(own, solution.values), held_out_errors)

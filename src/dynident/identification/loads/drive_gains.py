@@ -1,10 +1,10 @@
 """Drive gains [12.17] from runs without and with a known payload: by total least squares (§12.3.6).
 
-In g_j u_j = W_j χ + w_j, with u the recorded currents and w the torque that the known payload needs, gains and
-parameters are found together [Gautier & Briot 2011]; only the known payload gives them a scale. The errors are those of
-the currents, so that g_j u_j cannot simply be moved to the side of the columns: ordinary least squares would make the
-gains too small. Of total least squares this is the form that knows where the errors are: Σ |u_j - (W_j χ + w_j) / g_j|²
-over the noise of every joint. The singular vector of the smallest singular value of [W w -u] is where it starts.
+In g_j u_j = W_j χ + w_j, with u the recorded currents and w the torque of the known payload, gains and parameters are
+found together [Gautier & Briot 2011]; only the known payload gives them a scale. The errors are those of the currents.
+So g_j u_j cannot simply be moved to the side of the columns: ordinary least squares would make the gains too small.
+This form of total least squares knows where the errors are: it minimises Σ |u_j - (W_j χ + w_j) / g_j|² over the noise
+of every joint. It starts from the singular vector of the smallest singular value of [W w -u].
 """
 
 from __future__ import annotations
@@ -26,15 +26,16 @@ from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
 from dynident.threads import single_threaded
 
+# Gauss-Newton steps at most, and the relative change of the gains below which they have settled.
 _ROUNDS = 60
 _SETTLED = 1e-8
-# Relative standard deviations beyond which a gain is said not to be identifiable from the data.
+# Relative standard deviation above which a gain is said not to be identifiable from the data.
 _IDENTIFIABLE = 0.1
 
 
 @dataclass(frozen=True)
 class DriveGain:
-    """The drive gain of one joint: `stated` is what its torque was computed with, `factor` what it has to be times.
+    """The drive gain of one joint: `factor` times the `stated` gain, which its torque was computed with.
 
     Units as those of `DriveGains`; `interval` holds the true gain in 95 of 100 cases.
     """
@@ -66,18 +67,18 @@ class DriveGains:
 
     @property
     def standard_deviations(self) -> FloatArray:
-        """(n,)."""
+        """Standard deviations (n,), in the unit of `values`."""
         return deviations_of(self.covariance)
 
     @property
     def intervals(self) -> FloatArray:
-        """(n, 2): 95 % confidence intervals."""
+        """95 % confidence intervals (n, 2)."""
         reach = NORMAL_95 * self.standard_deviations
         return np.column_stack([self.values - reach, self.values + reach])
 
     @property
     def factors(self) -> FloatArray:
-        """(n,): what the recorded torque is to be multiplied by."""
+        """Factors (n,) that the recorded torque is to be multiplied by."""
         return np.asarray(self.values / self.stated)
 
     @property
@@ -100,7 +101,7 @@ class DriveGains:
 
 @dataclass(frozen=True, eq=False)
 class PayloadEstimate:
-    """Mass (kg) of what was carried, its standard deviation, and the part of it that the gains' uncertainty makes."""
+    """Mass (kg) of a payload, its standard deviation, and the part of that deviation that uncertain gains cause."""
 
     mass: float
     standard_deviation: float
@@ -139,6 +140,13 @@ def identify_gains(
         The model besides the payload.
     stated : sequence of float, optional
         Gains that the recordings' torque was computed with; those of the robot's drives where left out, else 1.
+    preprocessing : Preprocessing, optional
+        Filters; from the data where left out.
+    progress : Progress
+
+    Returns
+    -------
+    DriveGains
 
     Raises
     ------
@@ -149,7 +157,7 @@ def identify_gains(
     refuse_coupled_drives(robot, "gains are identified for")
     payloads = [known_payload(recording) for recording in loaded]
     data = loaded_data(robot, unloaded, loaded, effects, preprocessing, progress)
-    # A planar arm does not feel how high the load is.
+    # Some payload parameters have no effect at all on this robot: a planar arm does not feel how high the load is.
     unfelt = {
         (column.parameter, column.runs)
         for column in (data.model.columns[k] for k in data.model.base.without_effect)
@@ -182,13 +190,25 @@ def payload_mass(
     preprocessing: Preprocessing | None = None,
     progress: Progress = silent,
 ) -> PayloadEstimate:
-    """Weigh what a recording carries, by what it changes against recordings without it.
+    """Weigh the payload of a recording, by comparison with recordings without it.
 
     Parameters
     ----------
+    robot : Robot
+    unloaded : sequence of Recording
+    loaded : Recording
     gains : DriveGains, optional
         Identified for torque columns that were computed with the same stated gains; the recorded torque is taken as it
         is where they are left out.
+    effects : sequence of EffectChoice
+        The model besides the payload.
+    preprocessing : Preprocessing, optional
+        Filters; from the data where left out.
+    progress : Progress
+
+    Returns
+    -------
+    PayloadEstimate
 
     Raises
     ------
@@ -203,14 +223,15 @@ def payload_mass(
     variance = float(statistics(reduction, solution).covariance[column, column])
     by_gain = 0.0
     if gains is not None:
-        # The mass is linear in the torque: what each joint's torque contributes to it is its slope over that gain.
+        # The mass is linear in each joint's torque, and that is proportional to the joint's gain. So the slope of the
+        # mass over a gain is the joint's contribution to the mass, divided by the gain.
         slopes = _contributions(reduction, solution.noise, solution.normal_inverse[column]) / gains.values
         by_gain = float(slopes @ gains.covariance @ slopes)
     return PayloadEstimate(float(solution.values[column]), float(np.sqrt(variance + by_gain)), float(np.sqrt(by_gain)))
 
 
 def total_least_squares(reduction: Reduction, known: Mapping[int, float]) -> tuple[FloatArray, FloatArray]:
-    """Factors f (n,) on the measured side of f_j y_j = W_j χ, and their covariance (n, n).
+    """Return the factors f (n,) on the measured side of f_j y_j = W_j χ, and their covariance (n, n).
 
     Parameters
     ----------
@@ -232,6 +253,7 @@ def total_least_squares(reduction: Reduction, known: Mapping[int, float]) -> tup
     for _ in range(_ROUNDS):
         if not np.isfinite([*values, *inverse]).all():
             raise _unsettled()
+        # Gauss-Newton in k = 1 / f: y_j = k_j W_j χ is bilinear, and its errors are those of y as measured.
         linear = _linearised(reduction, free, values, inverse)
         solution = weighted(linear)
         before = inverse
@@ -243,6 +265,7 @@ def total_least_squares(reduction: Reduction, known: Mapping[int, float]) -> tup
     else:
         raise _unsettled()
     covariance = statistics(linear, solution).covariance[len(free) :, len(free) :]
+    # The covariance of f = 1 / k by the delta method.
     slope = 1.0 / inverse**2
     return 1.0 / inverse, np.asarray(covariance[:n, :n] * np.outer(slope, slope))
 
@@ -257,12 +280,17 @@ def _unsettled() -> EstimationError:
 
 
 def _start(reduction: Reduction, fixed: FloatArray, free: IndexArray) -> tuple[FloatArray, FloatArray]:
-    """χ (c,) and 1/f (n,) of the singular vector of the smallest singular value of [W w -y], columns of equal size."""
+    """Return χ (c,) and 1/f (n,) of the singular vector of the smallest singular value of [W w -y].
+
+    The columns are scaled to equal size.
+    """
     c, n = reduction.n_columns, len(reduction.equations)
     parts = []
     for j, equation in enumerate(reduction.equations):
         k = len(equation.columns)
         noise = max(equation.own_noise, 1e-9 * float(np.abs(equation.joined).max()))
+        # One column for the torque of each joint, so that every joint has a factor of its own; one for the known
+        # payload.
         wide = np.zeros((k + 1, c + 1 + n))
         wide[:, equation.columns] = equation.joined[:, :k]
         wide[:, c] = equation.joined[:, :k] @ fixed[equation.columns]
@@ -279,6 +307,7 @@ def _start(reduction: Reduction, fixed: FloatArray, free: IndexArray) -> tuple[F
     if not np.isfinite(sizes).all():
         raise _unsettled()
     vector = np.linalg.svd(rows / sizes)[2][-1] / sizes
+    # The singular vector has any length; the column of the known payload counts once, which gives it its scale.
     vector = vector / vector[len(free)]
     values = fixed.copy()
     values[free] = vector[: len(free)]
@@ -286,9 +315,9 @@ def _start(reduction: Reduction, fixed: FloatArray, free: IndexArray) -> tuple[F
 
 
 def _linearised(reduction: Reduction, free: IndexArray, values: FloatArray, inverse: FloatArray) -> Reduction:
-    """y_j = k_j W_j χ about χ and k = 1/f: columns k_j W_j of the free parameters and W_j χ of k_j."""
+    """Linearise y_j = k_j W_j χ about χ and k = 1/f: columns k_j W_j of the free parameters and W_j χ of k_j."""
     number = {int(column): new for new, column in enumerate(free)}
-    made = []
+    equations = []
     for j, equation in enumerate(reduction.equations):
         p = len(equation.columns)
         own = [i for i, column in enumerate(equation.columns) if int(column) in number]
@@ -298,12 +327,12 @@ def _linearised(reduction: Reduction, free: IndexArray, values: FloatArray, inve
         change[own, -1] = inverse[j] * values[equation.columns[own]]
         change[p, -1] = 1.0
         columns = [number[int(equation.columns[i])] for i in own] + [len(free) + j]
-        made.append(equation.changed(change, np.array(columns, dtype=np.intp)))
-    return Reduction(len(free) + len(reduction.equations), tuple(made), reduction.spans)
+        equations.append(equation.changed(change, np.array(columns, dtype=np.intp)))
+    return Reduction(len(free) + len(reduction.equations), tuple(equations), reduction.spans)
 
 
 def _contributions(reduction: Reduction, noise: FloatArray, row: FloatArray) -> FloatArray:
-    """(n,): what each equation's torque contributes to a parameter, `row` (c,) its row of (WᵀW)⁻¹."""
+    """Return the contribution (n,) of each equation's torque to a parameter; `row` (c,) is its row of (WᵀW)⁻¹."""
 
     def share(equation: EquationFactors, sigma: float) -> float:
         k = len(equation.columns)
@@ -314,6 +343,7 @@ def _contributions(reduction: Reduction, noise: FloatArray, row: FloatArray) -> 
 
 
 def _vague(robot: Robot, deviations: FloatArray, identifiable: Sequence[bool]) -> list[str]:
+    """Return a warning for every gain that the data do not determine."""
     return [
         f"The gain of {name} is not identifiable from this data: its standard deviation is {deviation:.0%}. The "
         "payload changes too little of what this joint feels: carry a heavier one, or move more."
@@ -323,6 +353,7 @@ def _vague(robot: Robot, deviations: FloatArray, identifiable: Sequence[bool]) -
 
 
 def _negative(robot: Robot, factors: FloatArray) -> list[str]:
+    """Return a warning about gains with the sign opposite to the stated one."""
     names = [name for name, factor in zip(robot.joint_names, factors, strict=True) if factor < 0]
     if not names:
         return []

@@ -1,4 +1,4 @@
-"""The known load of a request."""
+"""The known load that a request for drive gains states."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dynident.asking import said
 
 @dataclass(frozen=True)
 class KnownLoad:
-    """The load that drive gains are told by."""
+    """A known load, from which drive gains are identified."""
 
     mass: float | None = said(
         "Mass of the known load, where the measurements do not state it",
@@ -28,7 +28,13 @@ class KnownLoad:
     )
 
     def over(self, own: Mapping[str, object] | None) -> Mapping[str, object] | None:
-        """What is stated of a recording's payload: `own` by itself, or this over it."""
+        """Return the payload of a recording's metadata with the values of this load in place of its own.
+
+        Parameters
+        ----------
+        own : mapping, optional
+            What the recording states.
+        """
         stated = {"mass": self.mass, "centre": self.centre}
-        given = {name: value for name, value in stated.items() if value is not None}
-        return {**(own or {}), **given} if given else own
+        present = {name: value for name, value in stated.items() if value is not None}
+        return {**(own or {}), **present} if present else own

@@ -1,4 +1,4 @@
-"""What recordings carry: known payloads by their metadata, and reduced data with columns for them."""
+"""Payloads of recordings: known ones by their metadata, and reduced data with columns for unknown ones."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from dynident.regressors.stream import reduce_recordings
 from dynident.robot import Robot
 
 PLAIN_EFFECTS = (*DEFAULT_EFFECTS, OFFSETS)
-"""What is identified beside a payload or gains where nobody says more."""
+"""Effects of the model beside a payload or gains, unless the caller names others."""
 
 _TITLE = "Unusable payload"
 _FIRST_MOMENTS = ("MXp", "MYp", "MZp")
@@ -28,16 +28,17 @@ _FIRST_MOMENTS = ("MXp", "MYp", "MZp")
 
 @dataclass(frozen=True)
 class KnownPayload:
-    """What a recording's metadata says of its payload: kg, and m in the frame of the last joint where stated."""
+    """A payload that a recording's metadata state: kg, and m in the frame of the last joint where stated."""
 
     mass: float
     centre: tuple[float, float, float] | None = None
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """The parameters of the payload effect that are known."""
+        """Parameters of the payload effect that are known, by name."""
         if self.centre is None:
             return {"Mp": self.mass}
+        # First moments are the mass times the centre, and linear in the torque as the mass is.
         moments = {name: self.mass * x for name, x in zip(_FIRST_MOMENTS, self.centre, strict=True)}
         return {"Mp": self.mass, **moments}
 
@@ -51,7 +52,7 @@ class LoadedData:
     loaded: tuple[Recording, ...]
 
     def payload_column(self, recording: Recording, parameter: str) -> int:
-        """Number of a payload's parameter ("Mp", "MXp", …) among those of the model."""
+        """Return the number of a payload's parameter ("Mp", "MXp", …) among those of the model."""
         for k, column in enumerate(self.model.kept):
             if role_of(column) == "load" and column.parameter == parameter and column.runs == (recording.name,):
                 return k
@@ -63,7 +64,7 @@ class LoadedData:
 
 
 def known_payload(recording: Recording) -> KnownPayload:
-    """The payload that a recording's metadata states.
+    """Return the payload that a recording's metadata state.
 
     Raises
     ------
@@ -74,9 +75,22 @@ def known_payload(recording: Recording) -> KnownPayload:
 
 
 def stated_payload(name: str, payload: Mapping[str, object] | None) -> KnownPayload:
-    """The same of a recording that is not at hand, by its name and what is stated of its payload."""
+    """Return the payload from a recording's name and metadata, without the recording itself.
+
+    Parameters
+    ----------
+    name : str
+    payload : mapping, optional
+        "mass" in kg and, where known, "centre" in m.
+
+    Raises
+    ------
+    DynidentError
+        Where there is none, or its mass or centre is no usable number.
+    """
     if payload is None:
         raise _unusable(name, "", 'no payload is stated; give "payload": {"mass": …} in kg')
+    # Metadata come from a user's file or request, so every value may be of any type.
     mass = _number(payload.get("mass"))
     if not (math.isfinite(mass) and mass > 0):
         stated = payload.get("mass")
@@ -101,6 +115,20 @@ def loaded_data(
     progress: Progress = silent,
 ) -> LoadedData:
     """Reduce recordings without and with a payload.
+
+    Parameters
+    ----------
+    robot : Robot
+    unloaded, loaded : sequence of Recording
+    effects : sequence of EffectChoice
+        The model besides the payloads.
+    preprocessing : Preprocessing, optional
+        Filters; from the data where left out.
+    progress : Progress
+
+    Returns
+    -------
+    LoadedData
 
     Raises
     ------
@@ -127,7 +155,9 @@ def loaded_data(
             )
     recordings = [*unloaded, *loaded]
     check_recordings(robot, recordings, ())
+    # A payload for each loaded recording, as an effect in that run alone: the name tells them apart.
     carried = [load_in(recording.name) for recording in loaded]
+    # Loads need no predicted torque here, so the reference parameters are empty.
     model = build_model(robot, [*effects, *carried])
     chosen = preprocessing or choose_preprocessing(recordings)
     nothing = ReferenceParameters.nothing(robot)
@@ -137,8 +167,15 @@ def loaded_data(
 
 
 def scaled(reduction: Reduction, factors: FloatArray) -> Reduction:
-    """The same data with the torque of every equation multiplied by a factor (n,)."""
+    """Return the same data with the torque of every equation multiplied by a factor (n,).
+
+    Parameters
+    ----------
+    reduction : Reduction
+    factors : (n,)
+    """
     equations = tuple(
+        # Only the last column, which holds the torque, is scaled.
         equation.changed(np.diag([*np.ones(len(equation.columns)), factor]), equation.columns)
         for equation, factor in zip(reduction.equations, factors, strict=True)
     )
@@ -146,7 +183,7 @@ def scaled(reduction: Reduction, factors: FloatArray) -> Reduction:
 
 
 def _number(value: object) -> float:
-    """The value as a number; not a number where it is none."""
+    """Return the value as a number; NaN where it is none."""
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
 
 

@@ -1,4 +1,4 @@
-"""The drive gains that recorded torque was computed with: what is stated, where the true ones are in question."""
+"""The drive gains that recorded torque was computed with, where the true ones are in question."""
 
 from __future__ import annotations
 
@@ -12,7 +12,12 @@ from dynident.robot import Robot
 
 
 def stated_gains(robot: Robot, stated: Sequence[float] | None) -> FloatArray:
-    """(n,): the gains that are given; those of the robot's drives where none are, 1 where it states none either.
+    """Return the stated gains (n,): those given, else those of the robot's drives, else 1.
+
+    Parameters
+    ----------
+    robot : Robot
+    stated : sequence of float, optional
 
     Raises
     ------
@@ -21,17 +26,23 @@ def stated_gains(robot: Robot, stated: Sequence[float] | None) -> FloatArray:
     """
     if stated is None:
         return np.array([1.0 if drive.gain is None else drive.gain for drive in robot.drives])
-    given = np.asarray(stated, dtype=np.float64)
-    if given.shape != (robot.n,) or not np.all(np.isfinite(given) & (given != 0)):
+    gains = np.asarray(stated, dtype=np.float64)
+    # A gain of zero would make every torque zero; a negative one is a matter of signs, and allowed.
+    if gains.shape != (robot.n,) or not np.all(np.isfinite(gains) & (gains != 0)):
         raise DynidentError(
             f"the stated gains are {list(stated)}; give one number other than 0 for each of the {robot.n} joints",
             pointer="/gains",
         )
-    return given
+    return gains
 
 
 def refuse_coupled_drives(robot: Robot, what: str) -> None:
-    """Raise where a motor acts on several joints: no joint's torque is then its own current times a gain."""
+    """Raise where a motor acts on several joints: no joint's torque is then its own current times a gain.
+
+    Raises
+    ------
+    DynidentError
+    """
     coupled = [name for name, drive in zip(robot.joint_names, robot.drives, strict=True) if drive.coupling]
     if coupled:
         raise DynidentError(

@@ -1,10 +1,10 @@
-"""Can a payload be weighed by runs without and with it, and what does it weigh?
+"""Decide whether a payload can be weighed by runs without and with it, and weigh it.
 
-The standard deviation of the mass speaks of noise. What misleads is something else: friction and offsets that are not
-the same in both runs, after a pause, warmer, on another day. Where the motion shows the payload well the mass hardly
-moves when the loaded run may have friction and offsets of its own (as in a test of Hausman 1978: both estimates agree
+The standard deviation of the mass covers noise only. What misleads is something else: friction and offsets that are not
+the same in both runs, after a pause, warmer, on another day. Where the motion shows the payload well, the mass hardly
+changes when the loaded run may have friction and offsets of its own (as in a test of Hausman 1978: both estimates agree
 if the simpler model is right). Where it does not, the payload's gravity and these constants stand for one another, and
-any mass can be had: then there is no number to report.
+any mass is possible: then there is no number to report.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from dynident.identification.loads.payloads import PLAIN_EFFECTS
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
 
-# How far both masses may lie apart beside their noise, as a share; more uncertain than a quarter of itself is no mass.
+# Difference of both masses that is allowed beside their noise, and largest half-width of the interval, as shares of the
+# mass.
 _AGREE, _CERTAIN = 0.1, 0.25
 
 
@@ -54,8 +55,19 @@ def payload_from_pair(
 
     Parameters
     ----------
+    robot : Robot
+    unloaded : sequence of Recording
+    loaded : Recording
     gains : DriveGains, optional
         Identified drive gains, with their uncertainty.
+    effects : sequence of EffectChoice
+        The model besides the payload.
+    preprocessing : Preprocessing, optional
+        Filters; from the data where left out.
+
+    Returns
+    -------
+    PayloadVerdict
 
     Raises
     ------
@@ -63,21 +75,30 @@ def payload_from_pair(
         Where the recordings do not determine even the simpler model.
     """
 
-    def weighed(own: tuple[EffectChoice, ...]) -> PayloadEstimate:
+    def weigh(own: tuple[EffectChoice, ...]) -> PayloadEstimate:
         return payload_mass(robot, unloaded, loaded, gains=gains, effects=(*effects, *own), preprocessing=preprocessing)
 
-    alike = weighed(())
+    alike = weigh(())
     own = tuple(replace(choice, runs=(loaded.name,)) for choice in JOINT_FRICTION)
     try:
-        apart = weighed(own)
+        with_own = weigh(own)
     except EstimationError as error:
-        told = f"with friction and offsets of its own the loaded run does not determine the payload: {error.detail}"
-        return _unknown(told, alike, None)
-    return judged(alike, apart)
+        reason = f"with friction and offsets of its own the loaded run does not determine the payload: {error.detail}"
+        return _unknown(reason, alike, None)
+    return judged(alike, with_own)
 
 
 def judged(alike: PayloadEstimate, apart: PayloadEstimate) -> PayloadVerdict:
-    """The verdict on two estimates of one mass: with the friction of all runs alike, and with the loaded run's own."""
+    """Compare two estimates of one mass: with the friction of all runs alike, and with the loaded run's own.
+
+    Parameters
+    ----------
+    alike, apart : PayloadEstimate
+
+    Returns
+    -------
+    PayloadVerdict
+    """
     deviation = hypot(alike.standard_deviation, apart.standard_deviation)
     between = abs(alike.mass - apart.mass)
     both = (
@@ -100,12 +121,13 @@ def judged(alike: PayloadEstimate, apart: PayloadEstimate) -> PayloadVerdict:
             alike,
             apart,
         )
+    # The union of both intervals: whichever model is right, the interval holds the mass.
     interval = min(alike.interval[0], apart.interval[0]), max(alike.interval[1], apart.interval[1])
     return PayloadVerdict(True, f"the runs agree: {both}", alike.mass, interval, alike, apart)
 
 
-def _unknown(reason: str, alike: PayloadEstimate, apart: PayloadEstimate | None) -> PayloadVerdict:
-    return PayloadVerdict(False, reason, None, None, alike, apart)
+def _unknown(reason: str, alike: PayloadEstimate, with_own: PayloadEstimate | None) -> PayloadVerdict:
+    return PayloadVerdict(False, reason, None, None, alike, with_own)
 
 
 def _said(estimate: PayloadEstimate) -> str:

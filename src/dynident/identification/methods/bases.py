@@ -1,4 +1,4 @@
-"""What an estimator, a strategy, a model and a prior are, and all of them by their names."""
+"""Base classes of estimators, strategies, models and priors, and the registries of all of them by name."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ _HOME = "dynident.identification.methods"
 
 @dataclass(frozen=True)
 class Estimator(Kind, ABC):
-    """Solves the equations of the data for χ; a dataclass whose fields are the options that it alone takes.
+    """An estimator solves the equations of the data for χ; its fields are the options that it alone takes.
 
     `from_reduced`: it needs the reduced data alone, and gives least squares of the joints' torques where these are its
     equations. `in_steps`: it solves any part of the equations. `weighted`: joints count by their noise;
-    `weighs_turns`: so do rows where a joint turns round, beside its others.
-    `simulates`: it integrates the dynamic model along the recordings. `possible_bodies`: what it finds are bodies that
-    can exist; `possible_where_free`: it is moved to such where the fit hardly changes. `tells_convergence`: its own
-    warnings say whether it has settled. `priors`: names of those that it is compared with when methods are.
+    `weighs_turns`: so do rows where a joint turns round, apart from the joint's other rows.
+    `simulates`: it integrates the dynamic model along the recordings. `possible_bodies`: its results are bodies that
+    can exist; `possible_where_free`: its result is moved to such bodies where the fit hardly changes.
+    `tells_convergence`: its own warnings say whether it has settled. `priors`: names of those that it is compared with
+    when methods are.
     """
 
     from_reduced: ClassVar[bool] = False
@@ -40,7 +41,7 @@ class Estimator(Kind, ABC):
 
     @abstractmethod
     def solve(self, problem: Problem) -> Fit:
-        """Solve all equations of the problem's data, with what is known of the parameters beside them.
+        """Solve all equations of the problem's data, with the prior knowledge of the parameters.
 
         Raises
         ------
@@ -51,10 +52,10 @@ class Estimator(Kind, ABC):
 
 @dataclass(frozen=True)
 class Strategy(Kind, ABC):
-    """Decides which data and which parameters are solved for at a time.
+    """A strategy decides which data and which parameters are solved for at a time.
 
     `from_reduced`: it needs the reduced data alone. `at_once`: all parameters are found together, so that a prior on
-    sums of them can be believed. `friction_runs`: it uses tests of single joints' friction.
+    sums of them can be used. `friction_runs`: it uses tests of single joints' friction.
     """
 
     from_reduced: ClassVar[bool] = False
@@ -63,12 +64,18 @@ class Strategy(Kind, ABC):
 
     @abstractmethod
     def solve(self, choices: IdentificationChoices, problem: Problem) -> Fit:
-        """Solve the problem part by part; `DynidentError` where the other choices or the data do not allow it."""
+        """Solve the problem part by part.
+
+        Raises
+        ------
+        DynidentError
+            Where the other choices or the data do not allow it.
+        """
 
 
 @dataclass(frozen=True)
 class RowsModel(Kind):
-    """What the rows of W are.
+    """An equation type: what the rows of W are.
 
     `by_joint`: every joint has equations of its own.
     """
@@ -78,16 +85,17 @@ class RowsModel(Kind):
 
 @dataclass(frozen=True)
 class Prior(Kind):
-    """What is believed of the robot's description.
+    """A prior: which knowledge from the robot's description is used beside the data.
 
-    `of_bodies`: a distance between bodies that can exist, which only an estimator of such takes. `called`: its name
-    within a sentence.
+    `of_bodies`: a distance between bodies that can exist, which only an estimator of such bodies takes. `called`: its
+    name within a sentence.
     """
 
     called: ClassVar[str] = ""
     of_bodies: ClassVar[bool] = False
 
 
+# Each registry finds its kinds in the files of one package, and imports these only when the first kind is asked for.
 ESTIMATORS: Kinds[Estimator] = Kinds(f"{_HOME}.estimators", Estimator, "estimator")
 STRATEGIES: Kinds[Strategy] = Kinds(f"{_HOME}.strategies", Strategy, "strategy")
 MODELS: Kinds[RowsModel] = Kinds(f"{_HOME}.models", RowsModel, "model")

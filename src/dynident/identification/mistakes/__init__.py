@@ -1,4 +1,4 @@
-"""Gross mistakes in a recording: columns in another order, signs turned round, told by the robot's own dynamics."""
+"""Gross faults of a recording, found by the robot's own dynamics: columns in another order, signs turned round."""
 
 from dynident.identification.mistakes.checks import CAUSES, VETOES, Examined, checks_against, examine
 from dynident.identification.mistakes.search import Finding, mistakes_in

@@ -1,4 +1,4 @@
-"""Filtered rows of a recording that mistakes are looked for in: as an identification filters them, or narrower."""
+"""Filtered rows of a recording for the search of faults: filtered as for an identification, or narrower."""
 
 from __future__ import annotations
 
@@ -18,27 +18,42 @@ from dynident.recordings.types import SampleBlock
 from dynident.regressors.stream import parallel_filtered
 
 _ROWS = 2500
+"""Rows that faults are looked for in: every candidate is fitted to them, so more would take longer and tell little."""
 
 
 def motion_of(recording: Recording) -> Motion | None:
-    """Filtered rows from all over a recording; None where it is too short to be filtered."""
-    found = whole_motion_of(recording)
-    return None if found is None else thinned(found[0])
+    """Return filtered rows from all over a recording; None where it is too short to be filtered.
+
+    Parameters
+    ----------
+    recording : Recording
+    """
+    whole = whole_motion_of(recording)
+    return None if whole is None else thinned(whole[0])
 
 
 def thinned(motion: Motion) -> Motion:
-    """As many rows from all over a motion as mistakes are looked for in."""
+    """Return every so many rows of a motion, as many as faults are looked for in.
+
+    Parameters
+    ----------
+    motion : Motion
+    """
     step = max(1, len(motion.q) // _ROWS)
-    q, dq, ddq, tau = (np.ascontiguousarray(one[::step]) for one in (motion.q, motion.dq, motion.ddq, motion.tau))
+    q, dq, ddq, tau = (np.ascontiguousarray(signal[::step]) for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
     block: IntArray = np.arange(len(q)) * BLOCKS // len(q)
     return Motion(q, dq, ddq, tau, block)
 
 
 def whole_motion_of(recording: Recording, *, narrow: bool = False) -> tuple[Motion, float] | None:
-    """Filtered rows in their order, and the seconds between them; None where it is too short to be filtered.
+    """Return the filtered rows in their order, and the seconds between them; None where the recording is too short.
 
-    `narrow` keeps a few harmonics of the motion alone. What a mistake in the columns does to the torque is there, while
-    an elastic arm, or one that rattles, has most of what no rigid robot explains above that.
+    Parameters
+    ----------
+    recording : Recording
+    narrow : bool
+        Keep a few harmonics of the motion alone. A fault of the columns shows there, while an elastic arm, or one with
+        backlash, has most of what no rigid robot explains above that.
     """
     try:
         choice = choose_preprocessing([recording])
@@ -48,18 +63,21 @@ def whole_motion_of(recording: Recording, *, narrow: bool = False) -> tuple[Moti
             choice = replace(choice, decimation=max(1, floor(recording.sampling_rate / (OVERSAMPLING * cutoff))))
     except DynidentError:
         return None
-    # Both filtered alike: positions go through both filters here, and fits of them are only held against each other.
+    # Positions and torques go through the same filters, so that neither lags. The fits are only compared with each
+    # other, so the filters need not be those of an identification.
     choice = replace(choice, position_cutoff=cutoff, torque_cutoff=cutoff)
     n = recording.n
 
     def values(block: SampleBlock) -> FloatArray:
         return np.concatenate([block.q, block.dq, block.ddq, block.tau], axis=1)
 
+    # A few minutes tell enough; filtering an hour only takes time.
     short = shortened(recording, choice.decimation)
     rows = [part for _, _, part in parallel_filtered(short, choice, values)]
     whole = np.concatenate(rows) if rows else np.zeros((0, 4 * n))
     if not len(whole):
         return None
+    # Blocks of consecutive rows: held out one by one, they test a fit on motion that it has not seen.
     block: IntArray = np.arange(len(whole)) * BLOCKS // len(whole)
     q, dq, ddq, tau = (np.ascontiguousarray(part) for part in np.split(whole, 4, axis=1))
     return Motion(q, dq, ddq, tau, block), short.period * choice.decimation

@@ -1,4 +1,4 @@
-"""Gross mistakes as findings of a recording's checks, each with its cure."""
+"""Checks of a recording against its robot's dynamics: gross faults, each with its cure."""
 
 from __future__ import annotations
 
@@ -42,18 +42,19 @@ _CHECK: dict[Kind, str] = {
     "joint coupled": "joint_coupling",
 }
 _SILENT = {"torque_scale", "joint_coupling"}
-"""Checks that say nothing where they find nothing, or by themselves."""
+"""Checks that are not listed as passed: another check reports for them, or they have nothing to say."""
 
 GRAVITY, SCALE = "gravity_direction", "torque_scale"
 
 VETOES = (COMMANDED, GRAVITY, SCALE, "gravity_load", "torque_sign", "joint_sign")
-"""Checks whose findings leave a model without use, however well it fits: its masses are not the robot's."""
+"""Checks whose findings make a model useless, however well it fits: its masses are not the robot's."""
 
 CAUSES = (*VETOES, "torque_order", "joint_order", "joint_coupling")
-"""Checks that say what may be wrong where a model fails."""
+"""Checks that name possible causes where a model fails."""
 
 _HARDLY = 1.1
-"""Times what is left without a mistake below which it is friction that tells of it."""
+"""Ratio of the unexplained shares with and without a fault, below which negative friction is the reason to report
+it."""
 
 _MASSES = "Torques are far from what the masses of the description need: "
 _FRICTION = "Friction is far larger than the other joints', or what its drive can give, allow: "
@@ -65,28 +66,32 @@ _ELSE = (
 
 
 class Examined(NamedTuple):
-    """The checks of a recording against its robot's dynamics, and what these leave of the torque as it is."""
+    """The checks of a recording against its robot's dynamics, and the unexplained shares of the torque as it is."""
 
     checks: tuple[Check, ...]
     left: Left | None
 
 
 def checks_against(robot: Robot) -> ModelChecks:
-    """What a robot's own dynamics say of order and signs of the columns, for `import_recording`.
+    """Return a function that checks a recording against a robot's dynamics, for `import_recording`.
 
-    The function that is given back takes a recording and the user's names of its position and torque columns; it gives
-    None where they say nothing.
+    The function takes a recording and the user's names of its position and torque columns. It returns None where the
+    dynamics say nothing about them.
+
+    Parameters
+    ----------
+    robot : Robot
     """
 
-    def looked_at(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
+    def check(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
         return examine(robot, recording, q, tau).checks or None
 
-    return looked_at
+    return check
 
 
 @single_threaded
 def examine(robot: Robot, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> Examined:
-    """Hold a recording against its robot's dynamics: causes about the whole robot first, then single columns.
+    """Check a recording against its robot's dynamics: causes about the whole robot first, then single columns.
 
     Parameters
     ----------
@@ -94,48 +99,56 @@ def examine(robot: Robot, recording: Recording, q: Sequence[str], tau: Sequence[
     recording : Recording
     q, tau : names
         What the user calls the columns of positions and torques.
+
+    Returns
+    -------
+    Examined
+        Without checks where the recording is too short, or the robot has too many joints.
     """
     units = find_units(robot)
+    # Masses in grams would make every torque look a thousand times too small, so the description is brought to SI
+    # first.
     machine = robot if units is None else units.of(robot)
     described = () if units is None else (_description(units),)
     judges = Judges(machine)
-    # Once for all of them: it is read from the whole recording.
+    # All checks share these rows, as reading and filtering the whole recording takes most of the time.
     whole = motion_to_judge(recording, judges) if robot.n <= MOST_JOINTS else None
     if whole is None:
         return Examined(described, None)
     motion = thinned(whole[0])
+    # A commanded gravity torque explains itself perfectly, so it has to be refused before any fit is compared.
     static = find_static_torque(machine, motion, judges.plain)
     if static is not None:
         return Examined((_commanded(static, tau), *described), None)
-    found = find_mistakes(machine, motion, judges)
-    if found is None:
+    search_result = find_mistakes(machine, motion, judges)
+    if search_result is None:
         return Examined(described, None)
-    mistakes, now = found
+    mistakes, now = search_result
     as_is = judges.plain.left(motion)
     mounted = None if _is_enough(mistakes, now) else other_mounting(machine, motion, as_is)
-    # One cause for the whole robot goes before several for some joints.
+    # One cause for the whole robot is more likely than several for some joints.
     if mounted is not None and (len(mistakes) > 1 or mounted.explains.score <= now.score + ALIKE):
         mistakes = ()
     elif mistakes:
         mounted = None
-    wrong = {_CHECK[one.mistake.kind] for one in mistakes}
+    wrong = {_CHECK[finding.mistake.kind] for finding in mistakes}
     fine = f"No other order or sign of the columns explains the torque clearly better: {now.usual:.0%} are left of it."
     passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _SILENT]
     if mounted is not None:
         findings: tuple[Check, ...] = (_mounting(mounted, machine),)
     elif mistakes:
-        findings = tuple(_check(one, recording, q, tau) for one in mistakes)
+        findings = tuple(_check(finding, recording, q, tau) for finding in mistakes)
     else:
         findings = _scales(machine, motion, recording, tau, judges)
-        if all(one.status == "ok" for one in findings):
-            # Torques in different units have no delay that could be told.
+        if all(check.status == "ok" for check in findings):
+            # A delay can only be estimated once all torques are in the same unit.
             findings = (*_delay(machine, *whole, tau, judges), *findings)
         findings = (*_gravity(machine, motion, tau), *findings)
     return Examined((*passed, *findings, *described), as_is)
 
 
 def _is_enough(mistakes: Sequence[Finding], now: Left) -> bool:
-    """Whether one mistake in the columns explains all that was left: nothing else is looked for."""
+    """Tell whether one fault of the columns explains all that was unexplained, so that no other cause is looked for."""
     return len(mistakes) == 1 and mistakes[0].certain and now.worst < WORST_EXPLAINED
 
 
@@ -149,123 +162,127 @@ def _description(units: DescribedUnits) -> Check:
     )
 
 
-def _commanded(found: StaticTorque, tau: Sequence[str]) -> Check:
-    columns = ", ".join(tau[joint] for joint in found.joints)
-    left, moving = (f"{max(share, 1e-4):.2%}" for share in (found.left, found.moving_share))
+def _commanded(static: StaticTorque, tau: Sequence[str]) -> Check:
+    columns = ", ".join(tau[joint] for joint in static.joints)
+    unexplained, moving = (f"{max(share, 1e-4):.2%}" for share in (static.left, static.moving_share))
     return Check(
         COMMANDED,
         "error",
         f"There is neither friction nor inertia in the torque ({columns}): the load of gravity alone explains all but "
-        f"{left} of it, and motion has {moving}. It seems to be the command of a gravity compensation, while something "
-        f"else moved the joints, such as a hand. {NO_MEASUREMENT['commanded'].capitalize()}: give the torque, or "
-        "current, that was measured while the drives moved the robot.",
-        tau[found.joints[0]],
+        f"{unexplained} of it, and motion has {moving}. It seems to be the command of a gravity compensation, while "
+        f"something else moved the joints, such as a hand. {NO_MEASUREMENT['commanded'].capitalize()}: give the "
+        "torque, or current, that was measured while the drives moved the robot.",
+        tau[static.joints[0]],
     )
 
 
-def _check(one: Finding, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> Check:
-    told = told_of(one.mistake, recording, q, tau)
-    twins = "; or ".join(told_of(twin, recording, q, tau) for twin in one.alike[:2])
+def _check(finding: Finding, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> Check:
+    description = told_of(finding.mistake, recording, q, tau)
+    twins = "; or ".join(told_of(twin, recording, q, tau) for twin in finding.alike[:2])
     doubt = f" (Or, which this data cannot tell from it, {twins}.)" if twins else ""
-    known, otherwise = ("It seems that", "") if one.certain else ("It may be that", _ELSE)
+    known, otherwise = ("It seems that", "") if finding.certain else ("It may be that", _ELSE)
     why = (
-        f"{one.left_with:.0%} of an average joint's torque cannot be explained by the robot's dynamics, put right "
-        f"{one.left_without:.0%}"
+        f"{finding.left_with:.0%} of an average joint's torque cannot be explained by the robot's dynamics, put right "
+        f"{finding.left_without:.0%}"
     )
-    if one.left_with < _HARDLY * one.left_without:
+    if finding.left_with < _HARDLY * finding.left_without:
         why = "friction would drive the joint, which there is not"
-    columns, is_scaled = tau if "torque" in one.mistake.kind else q, one.mistake.kind == "torque scaled"
+    columns, is_scaled = tau if "torque" in finding.mistake.kind else q, finding.mistake.kind == "torque scaled"
     return Check(
-        _CHECK[one.mistake.kind],
-        "error" if one.certain else "warning",
-        f"{known} {told}: as the columns are, {why}. {_cure(one.mistake, q, tau)}{doubt}{otherwise}",
-        columns[one.mistake.joints[0]],
-        # Of cures that leave alike the user has to choose, and a ratio is as good as the masses of the description.
-        apply=None if one.certain and (_is_ambiguous(one) or is_scaled) else revision_of(one.mistake, recording.n),
+        _CHECK[finding.mistake.kind],
+        "error" if finding.certain else "warning",
+        f"{known} {description}: as the columns are, {why}. {_cure(finding.mistake, q, tau)}{doubt}{otherwise}",
+        columns[finding.mistake.joints[0]],
+        # A cure is applied without asking only where it is the only one. Between cures that explain alike the user
+        # has to choose, and a ratio is only as good as the masses of the description.
+        apply=None
+        if finding.certain and (_is_ambiguous(finding) or is_scaled)
+        else revision_of(finding.mistake, recording.n),
     )
 
 
-def _is_ambiguous(one: Finding) -> bool:
-    """Tell whether there is another cure of other signals.
+def _is_ambiguous(finding: Finding) -> bool:
+    """Tell whether another cure, of other signals, explains as much.
 
     Two legs may exchange their torques as well as their positions, which gives the same robot with other names.
     """
-    return any(len(one.mistake.pairs) < 2 or twin.joints != one.mistake.joints for twin in one.alike)
+    return any(len(finding.mistake.pairs) < 2 or twin.joints != finding.mistake.joints for twin in finding.alike)
 
 
 def _gravity(robot: Robot, motion: Motion, tau: Sequence[str]) -> tuple[Check, ...]:
-    found = compensated(robot, motion)
-    if found is None:
+    shares = compensated(robot, motion)
+    if shares is None:
         return ()
     return (
         Check(
             "gravity_load",
             "error",
             f"The torque seems to be gravity-compensated ({tau[0]} … {tau[-1]}): of the load of gravity that the "
-            f"masses of the description need {found.gravity:.0%} is in it, of what motion needs {found.motion:.0%}. "
+            f"masses of the description need {shares.gravity:.0%} is in it, of what motion needs {shares.motion:.0%}. "
             f"{NO_MEASUREMENT['gravity_compensated'].capitalize()}: give the torque, or current, that was measured.",
             tau[0],
         ),
     )
 
 
-def _mounting(found: Mounting, robot: Robot) -> Check:
-    told = ",".join(f"{value:.3g}" for value in found.gravity + 0.0)
-    worst = robot.joint_names[int(np.argmax(found.as_stated.joints))]
+def _mounting(mounting: Mounting, robot: Robot) -> Check:
+    direction = ",".join(f"{value:.3g}" for value in mounting.gravity + 0.0)
+    worst = robot.joint_names[int(np.argmax(mounting.as_stated.joints))]
     return Check(
         GRAVITY,
         "warning",
-        f"Gravity seems to pull along ({told}) m/s² of the base, as on a wall, a slope or a ceiling: with the stated "
-        f"one {found.left_as_stated:.0%} of the torque of {worst} cannot be explained by the robot's dynamics, with "
-        f'that at most {found.left:.0%} of any joint\'s. State it with the robot: "gravity": [{told}].',
+        f"Gravity seems to pull along ({direction}) m/s² of the base, as on a wall, a slope or a ceiling: with the "
+        f"stated one {mounting.left_as_stated:.0%} of the torque of {worst} cannot be explained by the robot's "
+        f"dynamics, with that at most {mounting.left:.0%} of any joint's. State it with the robot: "
+        f'"gravity": [{direction}].',
     )
 
 
 def _delay(robot: Robot, motion: Motion, period: float, tau: Sequence[str], judges: Judges) -> tuple[Check, ...]:
-    found = delay_among(robot, motion, period, judges)
-    if found is None:
+    delay = delay_among(robot, motion, period, judges)
+    if delay is None:
         return ()
-    word = "late" if found.seconds > 0 else "early"
-    if found.is_at_the_end or found.left_without > SOUND:
-        # An elastic arm looks late or early, too, and by more than any log is.
+    word = "late" if delay.seconds > 0 else "early"
+    if delay.is_at_the_end or delay.left_without > SOUND:
+        # An elastic arm looks late or early, too, and by more than the delay of any log.
         nothing = "How torque and position are aligned cannot be told: too little is explained with any delay."
         return (Check(DELAY, "ok", nothing),)
-    if not found.is_mistake:
-        fine = f"By the robot's dynamics the torque is {1e3 * abs(found.seconds):.1f} ms {word}, as in a right log."
+    if not delay.is_mistake:
+        fine = f"By the robot's dynamics the torque is {1e3 * abs(delay.seconds):.1f} ms {word}, as in a right log."
         return (Check(DELAY, "ok", fine),)
-    seconds = float(f"{found.seconds:.2g}")
-    told = Check(
+    seconds = float(f"{delay.seconds:.2g}")
+    check = Check(
         DELAY,
         "warning",
-        f"Torque comes about {1e3 * abs(found.seconds):.0f} ms {word} against position: {found.left_with:.1%} of an "
+        f"Torque comes about {1e3 * abs(delay.seconds):.0f} ms {word} against position: {delay.left_with:.1%} of an "
         f"average joint's torque cannot be explained by the robot's dynamics, with that taken out "
-        f'{found.left_without:.1%}. Log both at the same instant, or mend it by "torque_delay": {seconds} (in s).',
+        f'{delay.left_without:.1%}. Log both at the same instant, or mend it by "torque_delay": {seconds} (in s).',
         tau[0],
         apply=Revision(torque_delay=seconds),
     )
-    return (told,)
+    return (check,)
 
 
 def _scales(
     robot: Robot, motion: Motion, recording: Recording, tau: Sequence[str], judges: Judges
 ) -> tuple[Check, ...]:
-    found = scales_of(robot, motion, excess_in(robot, motion, judges))
-    if found is None:
+    scales = scales_of(robot, motion, excess_in(robot, motion, judges))
+    if scales is None:
         return ()
-    if not found:
+    if not scales:
         return (Check("torque_scale", "ok", "No torque is many times what the masses of the description need."),)
     reasons = []
-    for by_friction, what in ((False, _MASSES), (True, _FRICTION)):
+    for by_friction, intro in ((False, _MASSES), (True, _FRICTION)):
         names = [
-            f"{tau[one.joint]} ({recording.joint_names[one.joint]}) {one.times:.3g} times"
-            for one in found
-            if one.by_friction == by_friction
+            f"{tau[scale.joint]} ({recording.joint_names[scale.joint]}) {scale.times:.3g} times"
+            for scale in scales
+            if scale.by_friction == by_friction
         ]
         if len(names) == robot.n > 1 and not by_friction:
-            # By the masses of them all, they are told by one factor.
-            reasons.append(f"{what}all of them ({tau[0]} … {tau[-1]}) {found[0].times:.3g} times")
+            # The masses of all joints give one common factor.
+            reasons.append(f"{intro}all of them ({tau[0]} … {tau[-1]}) {scales[0].times:.3g} times")
         elif names:
-            reasons.append(what + ", ".join(names))
+            reasons.append(intro + ", ".join(names))
     return (
         Check(
             "torque_scale",
@@ -273,45 +290,60 @@ def _scales(
             f"{'. '.join(reasons)}. It may be another unit (permille, N mm), a gear ratio or a drive gain: mend it by "
             "units, by the robot's drives or by scale. Or it is no torque: a current, a register, or the error of a "
             "controller, which drive gains make one of.",
-            tau[found[0].joint],
-            apply=Revision(scale={f"tau{one.joint + 1}": 1.0 / one.power for one in found}),
+            tau[scales[0].joint],
+            apply=Revision(scale={f"tau{scale.joint + 1}": 1.0 / scale.power for scale in scales}),
         ),
     )
 
 
-def revision_of(one: Mistake, n: int) -> Revision | None:
-    """What has to be said of a file in which a mistake was made; None where nothing that can be said mends it."""
-    if one.kind == "joint coupled":
+def revision_of(mistake: Mistake, n: int) -> Revision | None:
+    """Return the correction of a file's metadata that mends a fault; None where no metadata can.
+
+    Parameters
+    ----------
+    mistake : Mistake
+    n : int
+        Number of joints.
+    """
+    if mistake.kind == "joint coupled":
         return None
-    sides: tuple[tuple[Axis, bool], ...] = (("q", one.is_of_positions), ("tau", one.is_of_torques))
-    kinds = [kind for kind, told in sides if told]
-    if one.kind == "torque scaled":
-        return Revision(scale={f"tau{joint + 1}": one.factor for joint in one.joints})
-    if not one.is_swap:
-        return Revision(signs={f"{kind}{joint + 1}": -1.0 for kind in kinds for joint in one.joints})
+    sides: tuple[tuple[Axis, bool], ...] = (("q", mistake.is_of_positions), ("tau", mistake.is_of_torques))
+    kinds = [kind for kind, is_wrong in sides if is_wrong]
+    if mistake.kind == "torque scaled":
+        return Revision(scale={f"tau{joint + 1}": mistake.factor for joint in mistake.joints})
+    if not mistake.is_swap:
+        return Revision(signs={f"{kind}{joint + 1}": -1.0 for kind in kinds for joint in mistake.joints})
     order = list(range(1, n + 1))
-    for first, second in one.pairs:
+    for first, second in mistake.pairs:
         order[first], order[second] = order[second], order[first]
     return Revision(permutation=dict.fromkeys(kinds, tuple(order)))
 
 
-def told_of(one: Mistake, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
-    """A mistake in words, with the user's names of position and torque columns."""
-    names = [recording.joint_names[j] for j in one.joints]
-    if one.is_swap:
+def told_of(mistake: Mistake, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
+    """Describe a fault in words, with the user's names of position and torque columns.
+
+    Parameters
+    ----------
+    mistake : Mistake
+    recording : Recording
+    q, tau : sequence of str
+        What the user calls the columns.
+    """
+    names = [recording.joint_names[j] for j in mistake.joints]
+    if mistake.is_swap:
         first, second = (", ".join(side) for side in (names[::2], names[1::2]))
-        torques, positions = ("; ".join(f"{kind[a]}, {kind[b]}" for a, b in one.pairs) for kind in (tau, q))
-        if len(one.pairs) > 1:
+        torques, positions = ("; ".join(f"{kind[a]}, {kind[b]}" for a, b in mistake.pairs) for kind in (tau, q))
+        if len(mistake.pairs) > 1:
             second = f"those of {second}"
-        what = {
+        descriptions = {
             "torques swapped": f"the torques of {first} and {second} ({torques})",
             "positions swapped": f"the positions of {first} and {second} ({positions})",
             "joints swapped": f"{first} and {second}, positions and torques alike,",
         }
-        return f"{what[one.kind]} stand in each other's place"
-    if one.kind == "joint coupled":
-        own, other = (q[joint] for joint in one.joints)
-        sign, counted = ("-", "plus") if one.factor > 0 else ("+", "minus")
+        return f"{descriptions[mistake.kind]} stand in each other's place"
+    if mistake.kind == "joint coupled":
+        own, other = (q[joint] for joint in mistake.joints)
+        sign, counted = ("-", "plus") if mistake.factor > 0 else ("+", "minus")
         return (
             f"the position of {names[0]} ({own}) is counted from the base, or the horizon, and not from {names[1]}: it "
             f"is its angle {counted} that of {names[1]}, and {own} {sign} {other} is what the description means"
@@ -322,44 +354,49 @@ def told_of(one: Mistake, recording: Recording, q: Sequence[str], tau: Sequence[
             "a sensor or a driver may report",
             "position turned": f"all positions ({q[0]} … {q[-1]}) have the opposite sign",
         }
-        return whole[one.kind]
+        return whole[mistake.kind]
     of = " and ".join((", ".join(names[:-1]), names[-1])) if len(names) > 1 else names[0]
-    columns = tuple(", ".join(kind[joint] for joint in one.joints) for kind in (q, tau))
+    columns = tuple(", ".join(kind[joint] for joint in mistake.joints) for kind in (q, tau))
     verb = ("has", "is") if len(names) == 1 else ("have", "are")
     plural = "" if len(names) == 1 else "s"
-    what = {
+    descriptions = {
         "torque turned": f"the torque{plural} of {of} ({columns[1]}) {verb[0]} the opposite sign",
         "position turned": f"the position{plural} of {of} ({columns[0]}) {verb[0]} the opposite sign",
         "joint turned": f"position and torque of {of} ({columns[0]}, {columns[1]}) have the opposite sign",
-        "torque scaled": f"the torque{plural} of {of} ({columns[1]}) {verb[1]} {1.0 / one.factor:.3g} times what the "
-        "others need",
+        "torque scaled": f"the torque{plural} of {of} ({columns[1]}) {verb[1]} {1.0 / mistake.factor:.3g} times what "
+        "the others need",
     }
-    return what[one.kind]
+    return descriptions[mistake.kind]
 
 
-def _cure(one: Mistake, q: Sequence[str], tau: Sequence[str]) -> str:
-    if one.kind == "joint coupled":
-        own, other = (q[joint] for joint in one.joints)
-        word = "Subtract" if one.factor > 0 else "Add"
-        return (
-            f"{word} {other} {'from' if one.factor > 0 else 'to'} {own}, and their velocities, before the file is read."
-        )
-    if one.kind == "torque scaled":
+def _cure(mistake: Mistake, q: Sequence[str], tau: Sequence[str]) -> str:
+    if mistake.kind == "joint coupled":
+        own, other = (q[joint] for joint in mistake.joints)
+        word = "Subtract" if mistake.factor > 0 else "Add"
+        preposition = "from" if mistake.factor > 0 else "to"
+        return f"{word} {other} {preposition} {own}, and their velocities, before the file is read."
+    if mistake.kind == "torque scaled":
         which = (
-            "its unit and its drive gain, or take it" if len(one.joints) == 1 else "their units and gains, or take them"
+            "its unit and its drive gain, or take it"
+            if len(mistake.joints) == 1
+            else "their units and gains, or take them"
         )
-        scale = ", ".join(f'"tau{joint + 1}": {one.factor:.3g}' for joint in one.joints)
-        return f'Look at {which} times {one.factor:.3g}: "scale": {{{scale}}}.'
-    if not one.is_swap:
-        side = "tau" if one.kind == "torque turned" else "q"
-        signs = ", ".join(f'"{side}{joint + 1}": -1' for joint in one.joints)
-        kept = "the joint's axis in the description" if one.kind != "torque turned" else "the sign of its drive gain"
-        return f'Turn the column{"" if len(one.joints) == 1 else "s"} round ("signs": {{{signs}}}), or {kept}.'
+        scale = ", ".join(f'"tau{joint + 1}": {mistake.factor:.3g}' for joint in mistake.joints)
+        return f'Look at {which} times {mistake.factor:.3g}: "scale": {{{scale}}}.'
+    if not mistake.is_swap:
+        side = "tau" if mistake.kind == "torque turned" else "q"
+        signs = ", ".join(f'"{side}{joint + 1}": -1' for joint in mistake.joints)
+        alternative = (
+            "the joint's axis in the description" if mistake.kind != "torque turned" else "the sign of its drive gain"
+        )
+        return (
+            f'Turn the column{"" if len(mistake.joints) == 1 else "s"} round ("signs": {{{signs}}}), or {alternative}.'
+        )
     pairs = []
-    for first, second in one.pairs:
-        if one.is_of_positions:
+    for first, second in mistake.pairs:
+        if mistake.is_of_positions:
             pairs += [(f"q{first + 1}", q[second]), (f"q{second + 1}", q[first])]
-        if one.is_of_torques:
+        if mistake.is_of_torques:
             pairs += [(f"tau{first + 1}", tau[second]), (f"tau{second + 1}", tau[first])]
-    told = ", ".join(f'"{key}": "{source}"' for key, source in pairs)
-    return f'Map them: "columns": {{{told}}}.'
+    mapping = ", ".join(f'"{key}": "{source}"' for key, source in pairs)
+    return f'Map them: "columns": {{{mapping}}}.'

@@ -1,4 +1,4 @@
-"""By how much the torque of a recording is late, told by the robot's dynamics; and whether that can be so."""
+"""Estimate the delay of a recording's torque by the robot's dynamics, and decide whether it can be so."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from dynident.arrays import FloatArray
 from dynident.identification.mistakes.swaps import Motion
 
 LATEST, EARLIEST = 0.017, -0.005
-"""s between which the torque of a right log is late: filters of drives delay it by up to 14 ms on the open recordings,
-and nothing makes it come before its cause (`benchmarks/gross_mistakes.py`)."""
+"""s between which the delay of a correct log lies: filters of drives delay the torque by up to 14 ms on the open
+recordings, and nothing makes it come before its cause (`benchmarks/gross_mistakes.py`)."""
 
 CLEARLY, SURELY = 0.004, 1.5
 """Mean logarithm by which the unexplained share of the torque falls with the delay taken out, and over its standard
@@ -31,12 +31,13 @@ that has them it was mostly less than nothing, and at most 0.09; of what can be 
 where most of it has a small share, one in twenty gave less. What comes of it is among the short motions of
 `benchmarks/gross_mistakes.py`."""
 
+# Delays in s that are tried, closer together near zero; between them a parabola finds the lowest point.
 _TRIED = np.array([-0.045, -0.03, -0.02, -0.012, -0.006, 0.0, 0.006, 0.012, 0.02, 0.03, 0.045])
 _FEW = 8
 
 
 class Told(Protocol):
-    """What is left of a torque, as mean logarithms: in each block by the others (blocks,), and inside the fit."""
+    """Unexplained shares of a torque, as mean logarithms: held out in each block (blocks,), and inside the fit."""
 
     @property
     def blocks(self) -> FloatArray: ...  # noqa: D102
@@ -47,7 +48,7 @@ class Told(Protocol):
 
 @dataclass(frozen=True)
 class Delay:
-    """Seconds by which the torque is late, whether that is a mistake, and what is left of it with and without."""
+    """Delay of the torque in seconds, whether it is a fault, and the unexplained shares with and without it."""
 
     seconds: float
     is_mistake: bool
@@ -56,7 +57,7 @@ class Delay:
 
     @property
     def is_at_the_end(self) -> bool:
-        """Whether it is the largest that was tried: what explains more then need not be a delay."""
+        """Whether it is the largest delay that was tried: the cause then need not be a delay."""
         return abs(self.seconds) >= float(_TRIED.max())
 
 
@@ -67,32 +68,41 @@ def delay_of(
 
     Parameters
     ----------
-    motion : all filtered rows, in their order
-    period : s between rows
+    motion : Motion
+        All filtered rows, in their order.
+    period : float
+        s between rows.
     left_of : function
-        Tells what is left of the torque of a motion.
+        Returns the unexplained shares of a motion's torque.
     left_beside : function
         The same beside a constant torque on each joint.
+
+    Returns
+    -------
+    Delay or None
     """
     if len(motion.q) < _FEW:
         return None
     rows = np.arange(len(motion.q), dtype=np.float64)
+    # A delay is no whole number of rows, so the torque is interpolated between them.
     torque = make_interp_spline(rows, motion.tau, k=3)
 
-    def moved(seconds: float) -> Motion:
+    def shift_torque(seconds: float) -> Motion:
         return replace(motion, tau=torque(np.clip(rows + seconds / period, 0.0, rows[-1])))
 
-    tried = [left_of(moved(float(seconds))) for seconds in _TRIED]
-    seconds = _lowest(np.array([one.blocks.mean() for one in tried]))
-    inside = np.array([one.inside for one in tried])
-    now, then = tried[int(np.flatnonzero(_TRIED == 0.0)[0])], left_of(moved(seconds))
+    unexplained = [left_of(shift_torque(float(seconds))) for seconds in _TRIED]
+    seconds = _lowest(np.array([trial.blocks.mean() for trial in unexplained]))
+    inside = np.array([trial.inside for trial in unexplained])
+    now, then = unexplained[int(np.flatnonzero(_TRIED == 0.0)[0])], left_of(shift_torque(seconds))
     fall = now.blocks - then.blocks
     error = float(fall.std(ddof=1)) / np.sqrt(len(fall))
     sure = float(fall.mean()) >= max(CLEARLY, SURELY * error) and now.inside - inside.min() >= INSIDE * fall.mean()
+    # Both the held-out estimate and that inside the fit have to be outside of what drives do: in short motions one
+    # alone is chance.
     mistaken = sure and not _can_be(seconds) and not _can_be(_lowest(inside))
     if mistaken:
-        beside = (left_beside(motion).blocks - left_beside(moved(seconds)).blocks).mean()
-        mistaken = beside >= BESIDE_OFFSETS * fall.mean()
+        fall_beside_offsets = (left_beside(motion).blocks - left_beside(shift_torque(seconds)).blocks).mean()
+        mistaken = fall_beside_offsets >= BESIDE_OFFSETS * fall.mean()
     return Delay(seconds, bool(mistaken), float(np.exp(now.blocks.mean())), float(np.exp(then.blocks.mean())))
 
 
@@ -100,12 +110,12 @@ def _can_be(seconds: float) -> bool:
     return EARLIEST <= seconds <= LATEST
 
 
-def _lowest(left: FloatArray) -> float:
-    """The delay with which least is left, of what is left with those that were tried."""
-    best = int(np.argmin(left))
+def _lowest(unexplained: FloatArray) -> float:
+    """Return the delay with the smallest unexplained share, by a parabola through the best that was tried."""
+    best = int(np.argmin(unexplained))
     if best in (0, len(_TRIED) - 1):
         return float(_TRIED[best])
-    x, y = (one[best - 1 : best + 2] for one in (_TRIED, left))
-    # Where a parabola through three points is lowest.
+    x, y = (values[best - 1 : best + 2] for values in (_TRIED, unexplained))
+    # A parabola through the best point and its neighbours; it only has a lowest point where it opens upwards.
     a, b, _ = np.polyfit(x, y, 2)
     return float(np.clip(-0.5 * b / a, x[0], x[-1])) if a > 0 else float(x[1])

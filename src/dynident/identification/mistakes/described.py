@@ -1,4 +1,4 @@
-"""What the masses of the description leave of the torque as its columns are: a second opinion, of a few numbers."""
+"""A second opinion on faults: the share of the torque that the masses of the description leave unexplained."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from dynident.identification.mistakes.scales import load_of
 from dynident.identification.mistakes.swaps import Mistake, Motion
 from dynident.robot.model import Robot
 
+# Added to the scaled normal matrix, so that it has a Cholesky factor where columns depend on each other.
 _RIDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class SecondOpinion:
-    """What a robot's description says of mistakes in a motion of which a fit leaves `now`.
+    """Opinion of a robot's description on faults in a motion; a fit of all parameters leaves `now` unexplained.
 
     In few moves a fit of all parameters explains by chance: another order of the columns of a short right motion left
-    less by 0.2 and more in five of 180, the description's own masses at most 0.03 less; of what was planted, where the
-    description explains as much as a fit, they left 0.3 less and more without it.
+    less by 0.2 and more in five of 180, the description's own masses at most 0.03 less. Where the description explains
+    as much as a fit, planted faults left 0.3 less and more without the fault.
     """
 
     robot: Robot
@@ -32,9 +33,13 @@ class SecondOpinion:
     now: Left
 
     def refutes(self, mistake: Mistake) -> bool:
-        """Whether it explains the torque as the columns are, and no better without a mistake.
+        """Tell whether the description explains the torque as the columns are, and no better without a fault.
 
-        Of a torque that is scaled it says nothing: the gain is free.
+        It has no opinion on a scaled torque, as its gain is free.
+
+        Parameters
+        ----------
+        mistake : Mistake
         """
         if mistake.kind == "torque scaled" or self._as_is > self.now.blocks.mean() + self._clearly:
             return False
@@ -42,9 +47,18 @@ class SecondOpinion:
         return mended is not None and self._as_is - mended < self._clearly
 
     def prefers(self, mistake: Mistake, other: Mistake) -> bool:
-        """Whether it explains clearly more without one mistake than without another that a fit cannot tell from it."""
-        one, two = (left_by_description(self.robot, each.mended(self.motion)) for each in (mistake, other))
-        return one is not None and two is not None and two - one >= self._clearly
+        """Tell whether the description explains clearly more without one fault than without another.
+
+        It decides between faults that a fit cannot tell apart.
+
+        Parameters
+        ----------
+        mistake, other : Mistake
+        """
+        first_left, second_left = (
+            left_by_description(self.robot, each.mended(self.motion)) for each in (mistake, other)
+        )
+        return first_left is not None and second_left is not None and second_left - first_left >= self._clearly
 
     @property
     def _clearly(self) -> float:
@@ -52,15 +66,25 @@ class SecondOpinion:
 
     @cached_property
     def _as_is(self) -> float:
-        found = left_by_description(self.robot, self.motion)
-        return np.inf if found is None else found
+        unexplained = left_by_description(self.robot, self.motion)
+        return np.inf if unexplained is None else unexplained
 
 
 def left_by_description(robot: Robot, motion: Motion) -> float | None:
-    """Mean logarithm of the share of the torque that is left where each joint has its load, a gain, and friction.
+    """Return the mean logarithm of the unexplained share of the torque, with the description's load on each joint.
 
-    The gain of the load, dry and viscous friction and the inertia of the drive are at least nothing; a constant torque
-    is free. Each block of time is told by the others, as in `Judge.left`. None where the description has no masses.
+    The gain of the load, dry and viscous friction and the inertia of the drive are not negative; a constant torque is
+    free. Each block of time is predicted from the others, as in `Judge.left`.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+
+    Returns
+    -------
+    float or None
+        None where the description has no masses.
     """
     load = load_of(robot, motion)
     if load is None:
@@ -74,25 +98,28 @@ def left_by_description(robot: Robot, motion: Motion) -> float | None:
 
 
 def _columns(motion: Motion, load: FloatArray, joint: int) -> FloatArray:
-    """(m, 6): load, dry and viscous friction, inertia of the drive, and a constant of either sign."""
-    dq, one = motion.dq[:, joint], np.ones(len(load))
-    return np.stack([load[:, joint], np.sign(dq), dq, motion.ddq[:, joint], one, -one], axis=1)
+    """Return the columns (m, 6): load, dry and viscous friction, inertia of the drive, and ± a constant."""
+    dq, ones = motion.dq[:, joint], np.ones(len(load))
+    return np.stack([load[:, joint], np.sign(dq), dq, motion.ddq[:, joint], ones, -ones], axis=1)
 
 
 def _left(columns: FloatArray, tau: FloatArray, block: IntArray, moves: BoolArray) -> float:
     rows = np.concatenate([columns, tau[:, None]], axis=1)
-    parts = [rows[moves & (block == one)] for one in range(BLOCKS)]
+    parts = [rows[moves & (block == number)] for number in range(BLOCKS)]
     grams = np.stack([part.T @ part for part in parts])
+    # Inner products of all blocks but each one: every block is then predicted from a fit without it, at no further
+    # pass.
     others = np.tensordot(OTHERS, grams, axes=1)
-    residual = np.stack([np.append(-_fitted(one), 1.0) for one in others[:-1]])
+    residual = np.stack([np.append(-_fitted(gram), 1.0) for gram in others[:-1]])
     squares = np.einsum("bi,bik,bk->b", residual, grams, residual)
     return float(log_shares(squares, others[-1, -1, -1] / BLOCKS).mean())
 
 
 def _fitted(gram: FloatArray) -> FloatArray:
-    """(c,): the parameters, none of them negative, of inner products (c + 1, c + 1) of [W | Y]."""
+    """Return the parameters (c,), none of them negative, of inner products (c + 1, c + 1) of [W | Y]."""
     scale = np.sqrt(np.maximum(np.diag(gram)[:-1], np.finfo(float).tiny))
     normal = gram[:-1, :-1] / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+    # Non-negative least squares on the Cholesky factor has the same solution as on all rows, and is small.
     upper = cholesky(normal)
-    found, _ = nnls(upper, solve_triangular(upper, gram[:-1, -1] / scale, trans="T"))
-    return found / scale
+    scaled_values, _ = nnls(upper, solve_triangular(upper, gram[:-1, -1] / scale, trans="T"))
+    return scaled_values / scale

@@ -1,4 +1,4 @@
-"""A description whose masses or inertias are not in SI units: no machine of its size weighs that much."""
+"""Detect descriptions whose masses or inertias are not in SI units: no machine of its size weighs that much."""
 
 from __future__ import annotations
 
@@ -20,14 +20,20 @@ _SMALL = 1e-3
 
 @dataclass(frozen=True)
 class DescribedUnits:
-    """What a description's masses, first moments and inertias have to be multiplied by to be in SI units."""
+    """Factors that bring a description's masses, first moments and inertias to SI units."""
 
     mass: float
     moment: float
     inertia: float
 
     def of(self, robot: Robot) -> Robot:
-        """The robot with inertial parameters in SI units."""
+        """Return the robot with inertial parameters in SI units.
+
+        Parameters
+        ----------
+        robot : Robot
+            As it was described.
+        """
         assert robot.inertias is not None
         factors = np.array([self.inertia] * 6 + [self.moment] * 3 + [self.mass])
         return replace(robot, inertias=robot.inertias * factors)
@@ -39,11 +45,21 @@ class DescribedUnits:
         unit = {(_SMALL, _SMALL**2): "g mm²", (1.0, _SMALL**2): "kg mm²", (_SMALL, 1.0): "g m²"}
         named = unit.get((self.mass, round(times, 12)))
         inertias = "" if self.inertia == 1.0 else f"inertias in {named}, {1.0 / self.inertia:.0e} times those in kg m²"
-        return ", ".join(one for one in (masses, centres, inertias) if one)
+        return ", ".join(text for text in (masses, centres, inertias) if text)
 
 
 def find_units(robot: Robot) -> DescribedUnits | None:
-    """Find the units of a description's masses, of its own numbers alone; None where they are SI, or there are none."""
+    """Find the units of a description's masses, from its own numbers alone.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Returns
+    -------
+    DescribedUnits or None
+        None where they are SI, or the description has no masses.
+    """
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
         return None
     reach = sum(float(np.linalg.norm(np.asarray(joint.placement)[:3, 3])) for joint in robot.joints)
@@ -52,10 +68,11 @@ def find_units(robot: Robot) -> DescribedUnits | None:
         return None
     masses = links[:, 9]
     mass = _SMALL if masses.sum() > _HEAVIEST * reach**2 else 1.0
+    # The median over the links: a single link may have an odd centre of mass, a unit is wrong for all of them.
     centre = float(np.median(np.linalg.norm(links[:, 6:9], axis=1) / masses))
     moment = mass * (_SMALL if centre > _WIDEST * reach else 1.0)
-    # About the centre of mass no inertia is larger than the largest about the joint.
+    # Radius of gyration about the joint, by the largest moment of inertia; about the centre of mass it is no larger.
     squares = np.abs(links[:, [0, 3, 5]]).max(axis=1) / masses
     wide = float(np.sqrt(np.median(squares))) > _WIDEST * reach
-    found = DescribedUnits(mass, moment, mass * (_SMALL**2 if wide else 1.0))
-    return None if found == DescribedUnits(1.0, 1.0, 1.0) else found
+    units = DescribedUnits(mass, moment, mass * (_SMALL**2 if wide else 1.0))
+    return None if units == DescribedUnits(1.0, 1.0, 1.0) else units

@@ -1,7 +1,7 @@
-"""A joint whose friction is out of proportion to the other joints': its torque is in another unit, or by another gain.
+"""Find joints whose friction is out of proportion to the others': their torque has another unit or another gain.
 
 Friction tells the size of a torque where gravity and inertia do not, in first joints and wrists: drives of one robot
-are built alike, and lose a like share of what they can give.
+are built alike, and lose a similar share of what they can give.
 """
 
 from __future__ import annotations
@@ -31,38 +31,45 @@ APART_ALIKE = 5.0
 are of one make. At most 2.4 on the open recordings, and this is half way from there to ten times."""
 
 AGREED = 0.75
-"""Of each of these thresholds, where the masses of the description say of a joint that its torque is too large, too."""
+"""Factor on each of these thresholds where the masses of the description also say that a joint's torque is too
+large."""
 
 _PLACEHOLDER = 5000.0
 """N m: limits of effort from there on are placeholders, as are those that all joints share."""
 
 _KNOWN = 0.5
-"""Of a friction by which it may differ between blocks of time, to be known."""
+"""Share of a friction by which it may differ between blocks of time and still count as known."""
 
 
 def excess_of(robot: Robot, frictions: FloatArray, heavy: Collection[int] = ()) -> dict[int, float]:
-    """Which joints' friction is too large, and how many times that of the others.
+    """Return the joints whose friction is too large, and how many times that of the others.
 
     Parameters
     ----------
     robot : Robot
     frictions : (blocks, n)
-        Mean torque of each joint's friction in N m or N, told by several parts of the motion; NaN where it is not.
+        Mean torque of each joint's friction in N m or N, from several parts of the motion; NaN where it is not known.
     heavy : collection of int
         Joints whose torque is too large by the masses of the description.
+
+    Returns
+    -------
+    dict of int to float
     """
     size, known = _sizes(frictions)
     limits = limits_of(robot)
     if limits is None:
         return _by_place(robot, size, known, heavy)
     share = size / limits
-    found: dict[int, float] = {}
+    excess: dict[int, float] = {}
     joints = np.arange(robot.n)
-    # A joint alone, or all from one on, as where the outer drives are of another make.
+    # The torque of one joint alone may be off, or those of all joints from one on, where the outer drives are of
+    # another make. Groups have to be tested as such: the wrong ones would count as normal for each other.
     for group in (*(joints == joint for joint in joints), *(joints >= first for first in range(1, robot.n - 1))):
         members, others = np.flatnonzero(known & group), known & ~group
         if not len(members) or others.sum() < 2:
             continue
+        # Compare shares of the limits of effort: large joints have more friction than small ones in N m.
         usual, largest = float(np.median(share[others])), float(share[others].max())
         most = size[others & _turning(robot)].max(initial=0.0)
         large = [
@@ -71,10 +78,10 @@ def excess_of(robot: Robot, frictions: FloatArray, heavy: Collection[int] = ()) 
             for joint in members
         ]
         if all(large):
-            found |= {int(joint): float(share[joint]) / usual for joint in members}
-    found = found or _by_make(robot, size, known, limits)
+            excess |= {int(joint): float(share[joint]) / usual for joint in members}
+    excess = excess or _by_make(robot, size, known, limits)
     by_place = _by_place(robot, size, known, heavy)
-    return found or {
+    return excess or {
         joint: times
         for joint, times in by_place.items()
         if share[joint] > _least(joint, heavy) * APART * _middle(share, joint)
@@ -82,20 +89,29 @@ def excess_of(robot: Robot, frictions: FloatArray, heavy: Collection[int] = ()) 
 
 
 def _by_make(robot: Robot, size: FloatArray, known: BoolArray, limits: FloatArray) -> dict[int, float]:
-    """The joints that turn whose friction is many times that of all others with a drive like theirs."""
+    """Return the revolute joints whose friction is many times that of all others with the same limit of effort."""
     turning = np.flatnonzero(known & _turning(robot))
-    found = {}
+    excess = {}
     for joint in turning:
         alike = [size[other] for other in turning if other != joint and limits[other] == limits[joint]]
         if len(alike) >= 2 and size[joint] > APART_ALIKE * max(alike):
-            found[int(joint)] = float(size[joint] / np.median(alike))
-    return found
+            excess[int(joint)] = float(size[joint] / np.median(alike))
+    return excess
 
 
 def nearer_to_others(robot: Robot, frictions: FloatArray, joint: int, factor: float) -> bool:
-    """Whether a joint's torque times `factor` has a friction nearer to the others', `frictions` as in `excess_of`.
+    """Tell whether a joint's torque times `factor` has a friction nearer to the others'.
 
-    Of the limit of effort, where the description has one. Where friction is not known it does not speak against it.
+    Friction is compared as a share of the limit of effort, where the description has one. Where it is not known it does
+    not contradict.
+
+    Parameters
+    ----------
+    robot : Robot
+    frictions : (blocks, n)
+        As in `excess_of`.
+    joint : int
+    factor : float
     """
     size, known = _sizes(frictions)
     others = known & (np.arange(robot.n) != joint)
@@ -108,7 +124,7 @@ def nearer_to_others(robot: Robot, frictions: FloatArray, joint: int, factor: fl
 
 
 def _sizes(frictions: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Of every joint the friction in the middle of the blocks of time, (n,), and whether they agree on it, (n,)."""
+    """Return the median friction of every joint over the blocks of time (n,), and where the blocks agree (n,)."""
     size = np.median(frictions, axis=0)
     known = np.isfinite(size) & (size > 0)
     known &= np.ptp(np.where(known, frictions, 0.0), axis=0) < _KNOWN * np.where(known, size, 1.0)
@@ -116,7 +132,7 @@ def _sizes(frictions: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 
 def limits_of(robot: Robot) -> FloatArray | None:
-    """(n,): limits of effort in N m or N; None where the description gives none that say anything."""
+    """Return the limits of effort (n,) in N m or N; None where the description gives none, or placeholders."""
     limits = np.array([joint.limits.effort or np.nan for joint in robot.joints], dtype=np.float64)
     if not np.isfinite(limits).all() or len(set(limits.tolist())) == 1 or limits.max() >= _PLACEHOLDER:
         return None
@@ -136,7 +152,7 @@ def _turning(robot: Robot) -> BoolArray:
 
 
 def _by_place(robot: Robot, size: FloatArray, known: BoolArray, heavy: Collection[int]) -> dict[int, float]:
-    """The joint, of those that turn, whose friction is many times that of every other, if there is one."""
+    """Return the revolute joint whose friction is many times that of every other, if there is one."""
     turning = _turning(robot) & known
     if turning.sum() < 3:
         return {}
@@ -146,7 +162,7 @@ def _by_place(robot: Robot, size: FloatArray, known: BoolArray, heavy: Collectio
     if times <= _least(largest, heavy) * (APART_INNER if largest < robot.n / 2 else APART_OUTER):
         return {}
     alike = size[turning & (np.arange(robot.n) != largest)]
-    # An outer joint is like the outer ones, which are smaller than the inner.
+    # An outer joint is compared with the outer ones, whose drives are smaller than the inner ones'.
     outer = [size[joint] for joint in order[:-1] if joint >= robot.n / 2]
     usual = float(np.median(outer)) if largest >= robot.n / 2 and outer else float(alike.max())
     return {largest: float(size[largest]) / usual}

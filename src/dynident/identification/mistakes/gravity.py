@@ -1,4 +1,4 @@
-"""Whether the load of gravity is in a torque, and in which direction it pulls: told by the robot's own dynamics."""
+"""Decide whether the load of gravity is in a torque, and in which direction gravity pulls, by the robot's dynamics."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ from dynident.robot.model import Robot
 from dynident.robot.pinocchio_model import described_torque
 
 _STATES = 400
+"""Rows that the description's load is computed at: it has a few parameters a joint."""
 _HEAVY = 0.3
-"""Of the largest load of gravity: joints with more are asked."""
+"""Share of the largest load of gravity above which a joint takes part in the decision."""
 _ABSENT, _SEEN, _MOST = 0.25, 0.5, 6.0
 """Gravity's share over inertia's below which it is absent, and the shares of inertia that are to be believed: of the
 torques of open recordings gravity's is at least 0.4 times inertia's; where it was taken out at most 0.15, and where all
@@ -49,9 +50,9 @@ _GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Shares:
-    """Of the torque that the description's masses need, how much of gravity's part and of motion's is there.
+    """Shares of the description's load that are in a torque: of its gravity part and of its motion part.
 
-    `motion_error` is the standard error of motion's, by the jackknife over blocks of time.
+    `motion_error` is the standard error of the motion's share, by the jackknife over blocks of time.
     """
 
     gravity: float
@@ -61,11 +62,11 @@ class Shares:
 
 @dataclass(frozen=True, eq=False)
 class Mounting:
-    """Gravity (3,) in the base frame in m/s² that explains most.
+    """Gravity (3,) in the base frame in m/s² that explains most of the torque.
 
-    `left` is what it leaves of the torque of the joint that is explained worst, `left_as_stated` what the stated one
-    does; `is_sure` says whether it leaves clearly less than every other direction along an axis; `explains` and
-    `as_stated` are all that is known of what either leaves.
+    `left` is the unexplained share of the joint that it explains worst, `left_as_stated` that of the stated gravity;
+    `is_sure` says whether it leaves clearly less than every other direction along an axis; `explains` and `as_stated`
+    are the unexplained shares of all joints with either.
     """
 
     gravity: FloatArray
@@ -77,64 +78,103 @@ class Mounting:
 
 
 def shares_of(robot: Robot, motion: Motion, factor: float = 1.0) -> Shares | None:
-    """What is in a torque of the description's load; `factor` makes N m of it. None without masses or gravity."""
+    """Return the shares of the description's load in a torque.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    factor : float
+        Makes N m of the torque.
+
+    Returns
+    -------
+    Shares or None
+        None without masses or gravity.
+    """
     if not _has_masses(robot) or not np.linalg.norm(robot.gravity) > 1.0:
         return None
     every = max(1, len(motion.q) // _STATES)
-    q, dq, ddq, tau = (one[::every] for one in (motion.q, motion.dq, motion.ddq, motion.tau * factor))
+    q, dq, ddq, tau = (signal[::every] for signal in (motion.q, motion.dq, motion.ddq, motion.tau * factor))
     others = motion.block[::every] != np.arange(BLOCKS)[:, None]
     load = _load(robot, q)
     rest = described_torque(robot, q, dq, ddq) - load
     size = np.sqrt((load**2).mean(axis=0))
+    # Fit each joint's torque by its gravity load, the rest of the described torque, and friction. The two factors are
+    # the shares.
     shares = []
     for joint in np.flatnonzero((size > _HEAVY * size.max()) & (np.ptp(load, axis=0) > 0)):
         speed = dq[:, joint]
         rows = np.column_stack([load[:, joint], rest[:, joint], speed, np.sign(speed)])
         length = np.sqrt((rows**2).sum(axis=0)) + 1e-30
-        asked = (np.ones(len(rows), dtype=bool), *others)
-        told = [np.linalg.lstsq(rows[at] / length, tau[at, joint], rcond=1e-10)[0][:2] for at in asked]
-        shares.append(np.array(told) / length[:2])
+        row_sets = (np.ones(len(rows), dtype=bool), *others)
+        factors = [
+            np.linalg.lstsq(rows[selected] / length, tau[selected, joint], rcond=1e-10)[0][:2] for selected in row_sets
+        ]
+        shares.append(np.array(factors) / length[:2])
     if not shares:
         return None
+    # The first fit is of all rows; the others each leave one block out, for the jackknife.
     (gravity, inertia), *without = np.median(np.abs(shares), axis=0)
-    error = np.sqrt((BLOCKS - 1) * np.var([one[1] for one in without]))
+    error = np.sqrt((BLOCKS - 1) * np.var([share[1] for share in without]))
     return Shares(float(gravity), float(inertia), float(error))
 
 
 def compensated(robot: Robot, motion: Motion, factor: float = 1.0) -> Shares | None:
-    """The shares where the load of gravity was taken out of a torque; None where it was not, or nothing tells."""
-    found = shares_of(robot, motion, factor)
-    if found is None or found.gravity > _ABSENT * found.motion or not _SEEN < found.motion < _MOST:
+    """Return the shares where gravity was taken out of a torque; None where it was not, or the data do not tell.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    factor : float
+        Makes N m of the torque.
+    """
+    shares = shares_of(robot, motion, factor)
+    if shares is None or shares.gravity > _ABSENT * shares.motion or not _SEEN < shares.motion < _MOST:
         return None
-    if found.motion < KNOWN * found.motion_error:
+    if shares.motion < KNOWN * shares.motion_error:
         return None
+    # Two independent tests have to agree: the shares of the description, and fits of all parameters with and without
+    # gravity.
     floating = replace(robot, gravity=np.zeros(3))
     without, with_it = left_of(floating, motion), left_of(robot, motion)
     if without >= min(_APART * with_it, _EXPLAINED) or _is_borne_out(robot, floating, motion):
         return None
-    # Gravity that pulls in another direction than is stated is not in that load either.
-    return None if mounting_of(robot, motion).explains.usual * _CLEARLY < without else found
+    # On a robot that is mounted otherwise, gravity acts along another direction. Then it is missing from the stated
+    # load, but it was not taken out.
+    return None if mounting_of(robot, motion).explains.usual * _CLEARLY < without else shares
 
 
 def _is_borne_out(robot: Robot, floating: Robot, motion: Motion) -> bool:
-    """Whether the description explains more with its gravity than without: few moves do not tell motion's share."""
+    """Tell whether the description explains more with its gravity than without.
+
+    A short motion does not determine motion's share, so this is a second test.
+    """
     with_it, without = left_by_description(robot, motion), left_by_description(floating, motion)
     return with_it is not None and without is not None and with_it < without - _BORNE_OUT
 
 
 def other_mounting(robot: Robot, motion: Motion, now: Left) -> Mounting | None:
-    """Find another direction of gravity that surely explains more than the stated one, which leaves `now`; else None.
+    """Find another direction of gravity that surely explains more than the stated one; else None.
 
-    Judged by the joint that is explained worst: gravity of a wall is in the first joint's torque alone, where a mean
-    over the joints hides it.
+    It is judged by the joint that is explained worst: gravity of a wall is in the first joint's torque alone, where a
+    mean over the joints hides it.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    now : Left
+        Unexplained shares with the stated gravity.
     """
     if not np.linalg.norm(robot.gravity) > 1.0:
         return None
     if now.worst < _POOR and (not _has_masses(robot) or _is_upright(robot, motion)):
         return None
-    found = mounting_of(robot, motion)
-    better = found.is_sure and now.surely_above(found.explains)
-    return found if better and found.left < _EXPLAINED else None
+    mounting = mounting_of(robot, motion)
+    better = mounting.is_sure and now.surely_above(mounting.explains)
+    return mounting if better and mounting.left < _EXPLAINED else None
 
 
 def mounting_of(robot: Robot, motion: Motion) -> Mounting:
@@ -142,51 +182,64 @@ def mounting_of(robot: Robot, motion: Motion) -> Mounting:
 
     It is looked for along the axes and half way between them, and near the best of these where most is explained. Up
     and down often explain a torque alike; the masses of the description decide then, if it has any.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+
+    Returns
+    -------
+    Mounting
     """
     size = float(np.linalg.norm(robot.gravity)) or _GRAVITY
     leanings = _Leanings(robot, motion, size)
-    tried = [(direction, leanings.left(direction)) for direction in _USUAL]
-    best, explains = min(tried, key=lambda pair: pair[1].score)
+    candidates = [(direction, leanings.left(direction)) for direction in _USUAL]
+    best, explains = min(candidates, key=lambda pair: pair[1].score)
+    # The usual directions are 45 degrees apart, so a slope in between is found by a local search from the best of
+    # them.
     slope = leanings.lowest_near(best)
     if slope @ best < _ON_AXIS:
         best, explains = slope, leanings.left(slope)
     opposite = leanings.left(-best)
+    # With the sign of gravity turned round, masses of the opposite sign explain the same torque.
     alike = not opposite.surely_above(explains)
     if alike and _has_masses(robot):
-        upright = [_is_upright(replace(robot, gravity=one * size), motion) for one in (best, -best)]
+        upright = [_is_upright(replace(robot, gravity=direction * size), motion) for direction in (best, -best)]
         if upright[0] != upright[1]:
             alike = False
             if upright[1]:
                 best, explains = -best, opposite
-    others = [other for direction, other in tried if abs(direction @ best) < _BESIDE]
-    apart = all(other.summed_fall_to(explains) >= CLEARLY for other in others)
+    others = [other for direction, other in candidates if abs(direction @ best) < _BESIDE]
+    is_distinct = all(other.summed_fall_to(explains) >= CLEARLY for other in others)
     as_stated = leanings.left(robot.gravity / size)
-    return Mounting(best * size, explains.worst, as_stated.worst, not alike and apart, explains, as_stated)
+    return Mounting(best * size, explains.worst, as_stated.worst, not alike and is_distinct, explains, as_stated)
 
 
 class _Leanings:
-    """Tells what gravity along different directions leaves of a motion's torque, in which it is linear."""
+    """Unexplained shares of a motion's torque with gravity along different directions, in which W is linear."""
 
     def __init__(self, robot: Robot, motion: Motion, size: float) -> None:
-        # Along no axis, so that every term of gravity is there.
+        # Gravity along no axis, so that no base parameter of it is lost in this robot.
         self._judge = Judge(replace(robot, gravity=size * _unit(np.array([3.0, 4.0, 5.0]))))
         self._motion, self._size = motion, size
-        self._parts = [Judge(replace(robot, gravity=one)) for one in (np.zeros(3), *np.eye(3))]
+        self._parts = [Judge(replace(robot, gravity=gravity)) for gravity in (np.zeros(3), *np.eye(3))]
 
     def left(self, direction: FloatArray) -> Left:
         factors = direction * self._size
         return self._judge.left_by(self._motion, self._parts, [1.0 - float(factors.sum()), *map(float, factors)])
 
     def lowest_near(self, start: FloatArray) -> FloatArray:
-        """Find the direction (3,) near a first one with the lowest score."""
+        """Return the direction (3,) near a first one with the lowest score."""
+        # An orthonormal basis of the plane across the first direction: a direction near it has two coordinates there.
         across = np.linalg.svd(start[None, :])[2][1:]
 
         def score(tangent: FloatArray) -> float:
             return self.left(_unit(start + tangent @ across)).score
 
-        found = minimize(score, np.zeros(2), method="Nelder-Mead", options={
+        optimum = minimize(score, np.zeros(2), method="Nelder-Mead", options={
             "initial_simplex": _SIMPLEX, "xatol": _FINE, "fatol": _FINE, "maxfev": _MOST_TRIED})  # fmt: skip
-        return _unit(np.round(_unit(start + found.x @ across), 2))
+        return _unit(np.round(_unit(start + optimum.x @ across), 2))
 
 
 def _unit(vector: FloatArray) -> FloatArray:
@@ -198,7 +251,7 @@ def _has_masses(robot: Robot) -> bool:
 
 
 def _is_upright(robot: Robot, motion: Motion) -> bool:
-    """Whether the loads of the description pull as the torques say."""
+    """Tell whether the loads of the description have the sign of the torques."""
     every = max(1, len(motion.q) // _STATES)
     load = _load(robot, motion.q[::every])
     size = (load**2).sum(axis=0)
@@ -207,5 +260,5 @@ def _is_upright(robot: Robot, motion: Motion) -> bool:
 
 
 def _load(robot: Robot, q: FloatArray) -> FloatArray:
-    """(m, n): torque that holds the description's links against gravity."""
+    """Return the torque (m, n) that holds the description's links against gravity."""
     return described_torque(robot, q, np.zeros_like(q), np.zeros_like(q))

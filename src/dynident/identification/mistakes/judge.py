@@ -1,4 +1,4 @@
-"""How well a robot's own dynamics explain the torque of a motion, in blocks of time that were not fitted to."""
+"""Measure how well a robot's own dynamics explain the torque of a motion, in blocks of time that were not fitted to."""
 
 from __future__ import annotations
 
@@ -26,6 +26,8 @@ BLOCKS = 10
 """Blocks of time that a motion is cut into."""
 
 _STILL, _SLOW = 1e-3, 0.05
+"""Share of the fastest joint's speed below which a joint is at rest, and share of its own rms speed below which a row
+is left out: sticking joints have a friction of any size."""
 
 CLEARLY, SURELY = 0.6, 2.5
 """Sum over the joints of the logarithm by which the unexplained share of the torque has to fall without a mistake (on
@@ -56,17 +58,22 @@ OTHERS = np.concatenate([1.0 - np.eye(BLOCKS), np.ones((1, BLOCKS))])
 left of a difference by rounding."""
 
 _LEAST, _MOST = 0.02, 3.0
+"""Range of the unexplained share: a smaller one is as good as perfect, a larger one as bad as any."""
+
 _RIDGE = 1e-6
+"""Added to the scaled normal matrix: it decides what the motion leaves open, and nothing else."""
+
 _QUIET = 1e-12
+"""Share of the largest squared torque that the noise of every joint has at least."""
 
 
 @dataclass(frozen=True, eq=False)
 class Left:
-    """What is left of the torque of a motion.
+    """Unexplained shares of the torque of a motion.
 
-    `blocks` (blocks,) are means of log shares over the joints that move, `inside` is that of all blocks where they are
-    fitted to; `against`: joints whose friction drives them; `joints` (n,) shares of each joint's torque, blocks that
-    were not fitted to; 0 of those that do not move.
+    `blocks` (blocks,) are means of log shares over the joints that move, each block held out; `inside` is that of all
+    blocks where they are fitted to; `against` is the number of joints whose friction drives them; `joints` (n,) are the
+    shares of each joint's torque, held out, 0 of those that do not move.
     """
 
     blocks: FloatArray
@@ -77,44 +84,53 @@ class Left:
 
     @property
     def score(self) -> float:
-        """The lower the better."""
+        """Mean log share with a penalty for friction that drives a joint; the lower the better."""
         return float(self.blocks.mean()) + _AGAINST * self.against
 
     @property
     def usual(self) -> float:
-        """Share of an average joint's torque."""
+        """Unexplained share of an average joint's torque."""
         return float(np.exp(self.blocks.mean()))
 
     def fall_to(self, other: Left) -> float:
-        """Mean logarithm by which the share of the torque falls that is left, friction against the motion apart."""
+        """Return the mean logarithm by which the unexplained share falls to another, friction aside."""
         return float((self.blocks - other.blocks).mean())
 
     @property
     def worst(self) -> float:
-        """Share of the torque of the joint that is explained worst: what a mean over the joints hides."""
+        """Unexplained share of the joint that is explained worst, which a mean over the joints hides."""
         return float(self.joints.max(initial=0.0))
 
     def summed_fall_to(self, other: Left) -> float:
-        """Sum over the joints of the logarithm by which the score falls."""
+        """Return the sum over the joints of the logarithm by which the score falls to another."""
         return float(self.moving.sum()) * (self.score - other.score)
 
     def surely_above(self, other: Left, kind: Kind | None = None) -> bool:
-        """Whether clearly more is left than of another, in most blocks; or friction is against the motion."""
+        """Tell whether clearly more is unexplained than in another fit, in most blocks, or friction drives more joints.
+
+        Parameters
+        ----------
+        other : Left
+        kind : str, optional
+            Of the fault that was mended for the other.
+        """
         score, fall = self.summed_fall_to(other), self.fall_to(other)
+        # A paired comparison: both fits see the same blocks, so the scatter of the difference counts, which is much
+        # smaller than that of either.
         error = float((self.blocks - other.blocks).std(ddof=1)) / np.sqrt(BLOCKS)
         errors = fall / max(error, np.finfo(float).tiny)
-        told = self.inside - other.inside >= INSIDE * fall
-        if kind == "torque scaled" and score >= CLEARLY_SCALED and errors >= SURELY_SCALED and told:
+        falls_inside = self.inside - other.inside >= INSIDE * fall
+        if kind == "torque scaled" and score >= CLEARLY_SCALED and errors >= SURELY_SCALED and falls_inside:
             return True
-        return score >= CLEARLY and (self.against > other.against or (errors >= SURELY and told))
+        return score >= CLEARLY and (self.against > other.against or (errors >= SURELY and falls_inside))
 
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
     """W of a motion where each joint moves: inner products (blocks + 1, n, c, c) of each block, and last of all.
 
-    `of_joints`: which rows these are (m,), the rows (m, p) in those columns that the joint's torque depends on, and
-    what adds them up by block and in all (blocks + 1, m).
+    `of_joints`: the numbers of these rows (m,), the rows (m, p) in those columns that the joint's torque depends on,
+    and the matrix that adds them up by block and in all (blocks + 1, m).
     """
 
     motion: Motion
@@ -122,7 +138,7 @@ class _Rows:
     of_joints: tuple[tuple[IntArray, FloatArray, FloatArray], ...]
 
     def is_of(self, other: Motion) -> bool:
-        """Whether another motion is the same but for its torque."""
+        """Tell whether another motion is the same but for its torque."""
         names = ("q", "dq", "ddq", "block")
         return all(np.array_equal(getattr(self.motion, name), getattr(other, name)) for name in names)
 
@@ -139,14 +155,18 @@ class Grams:
     measured: FloatArray
 
     def squares(self, values: FloatArray) -> FloatArray:
-        """(blocks + 1, n): what parameters (blocks + 1, c) leave, each row of them in its own block."""
-        told = (self.inner @ values[:, None, :, None])[..., 0]
-        left = self.measured + np.einsum("bji,bi->bj", told - 2.0 * self.right, values)
-        return np.asarray(np.maximum(left, 0.0))
+        """Return the squared errors (blocks + 1, n) of parameters (blocks + 1, c), each row in its own block."""
+        products = (self.inner @ values[:, None, :, None])[..., 0]
+        remainder = self.measured + np.einsum("bji,bi->bj", products - 2.0 * self.right, values)
+        return np.asarray(np.maximum(remainder, 0.0))
 
 
 class Judge:
-    """Fits a robot's links, rotors and friction to motions of it, and `more` effects."""
+    """Fits a robot's links, rotors and friction, and `more` effects, to motions of it.
+
+    Only inner products are kept, so that the hundreds of candidate faults each cost a small solution and no pass over
+    the rows.
+    """
 
     def __init__(self, robot: Robot, more: tuple[EffectChoice, ...] = ()) -> None:
         signals = Signals(robot)
@@ -161,7 +181,12 @@ class Judge:
         return self._observation.n_columns
 
     def left(self, motion: Motion) -> Left:
-        """What the robot leaves of the torque, each block of time told by the others."""
+        """Return the unexplained shares of a motion's torque, each block of time predicted from the others.
+
+        Parameters
+        ----------
+        motion : Motion
+        """
         return self._left(motion, self._rows_of(motion))
 
     def _left(self, motion: Motion, known: _Rows) -> Left:
@@ -176,47 +201,54 @@ class Judge:
         return Left(blocks.mean(axis=1), float(whole.mean()), against, moving, joints)
 
     def frictions(self, motion: Motion) -> FloatArray:
-        """(blocks, n): mean torque of each joint's friction against its motion, by the other blocks; NaN at rest."""
+        """Return the mean friction torque of each joint (blocks, n), from the other blocks; NaN where it stands.
+
+        Parameters
+        ----------
+        motion : Motion
+        """
         grams, moving = self._grams(motion, self._rows_of(motion)), moving_joints(motion)
         values, _ = self._solved(grams)
-        found = np.full((BLOCKS, self._robot.n), np.nan)
+        frictions = np.full((BLOCKS, self._robot.n), np.nan)
         for joint in np.flatnonzero(moving):
             friction, sign = self._frictions[int(joint)]
+            # The projection of the friction torque onto the sign of the velocity: its mean size against the motion.
             whole = grams.inner[-1, joint]
-            found[:, joint] = values[:-1, friction] @ whole[sign, friction] / max(whole[sign, sign], 1.0)
-        return found
+            frictions[:, joint] = values[:-1, friction] @ whole[sign, friction] / max(whole[sign, sign], 1.0)
+        return frictions
 
     def left_by(self, motion: Motion, parts: Sequence[Judge], factors: Sequence[float]) -> Left:
-        """Tell what is left where W is a sum of those of other judges of the same links, times factors."""
+        """Return the unexplained shares where W is a sum of those of other judges of the same links, times factors."""
         of_joints = []
         for joint, (at, rows, sums) in enumerate(self._rows_of(motion).of_joints):
             columns, total = self._layout[joint][1], np.zeros_like(rows)
             for part, factor in zip(parts, factors, strict=True):
-                # What a term of gravity alone puts into a joint's torque lacks where there is none.
+                # Without gravity a joint has fewer columns, so each judge's columns are sought among those of all.
                 own = np.searchsorted(columns, part._layout[joint][1])
                 total[:, own] += factor * part._rows_of(motion).of_joints[joint][1]
             of_joints.append((at, total, sums))
         return self._left(motion, self._with_inner(motion, of_joints))
 
     def loads(self, q: FloatArray) -> list[FloatArray]:
-        """Give the columns of each joint's torque (m, p) that a robot at rest at positions (m, n) has: its gravity."""
+        """Return the columns of each joint's torque (m, p) for a robot at rest at positions (m, n): its gravity."""
         rest, memory = np.zeros_like(q), np.zeros((len(q), self._observation.n_memory))
         reference = ReferenceParameters.nothing(self._robot)
         entries = self._observation.evaluate(q, rest, rest, reference=reference, memory=memory)
         return [entries[:, positions] for positions, _ in self._layout]
 
     def _solved(self, grams: Grams) -> tuple[FloatArray, FloatArray]:
-        """What is told by the blocks but each one, and last by all of them.
+        """Solve from all blocks but each one, and last from all of them.
 
         Returns
         -------
         Parameters (blocks + 1, c); and the squares (blocks + 1, n) that they leave, in the one block and in all.
         """
         measured = grams.measured[-1]
-        # A joint without torque, or none that is left, must not get an infinite weight.
+        # A joint whose torque is zero, or explained exactly, must not get an infinite weight.
         least = max(_QUIET * float(measured.max(initial=0.0)), np.finfo(float).tiny)
         noise = np.sqrt(np.maximum(measured, least))
         squares, values = grams.measured, np.zeros((BLOCKS + 1, self.n_columns))
+        # Two rounds: the first weighs joints by their torque, the second by what the first left unexplained.
         for _ in range(2):
             values = self._fitted(grams, noise)
             squares = grams.squares(values)
@@ -233,9 +265,9 @@ class Judge:
         return Grams(known.inner, right, measured)
 
     def _rows_of(self, motion: Motion) -> _Rows:
-        """W of a motion; of two motions it is kept, since most of what is tried changes torques alone."""
-        known = next((one for one in self._known if one.is_of(motion)), None) or self._evaluated(motion)
-        self._known = [known, *(one for one in self._known if one is not known)][:2]
+        """Return W of a motion; that of two motions is kept, since most candidates change torques alone."""
+        known = next((rows for rows in self._known if rows.is_of(motion)), None) or self._evaluated(motion)
+        self._known = [known, *(rows for rows in self._known if rows is not known)][:2]
         return known
 
     def _evaluated(self, motion: Motion) -> _Rows:
@@ -256,15 +288,18 @@ class Judge:
         inner = np.zeros((BLOCKS + 1, self._robot.n, self.n_columns, self.n_columns))
         for joint, (at, rows, _) in enumerate(of_joints):
             columns = self._layout[joint][1]
-            for one in range(BLOCKS):
-                part = rows[motion.block[at] == one]
-                inner[one, joint][np.ix_(columns, columns)] = part.T @ part
+            for number in range(BLOCKS):
+                part = rows[motion.block[at] == number]
+                inner[number, joint][np.ix_(columns, columns)] = part.T @ part
         inner[-1] = inner[:-1].sum(axis=0)
         return _Rows(motion, inner, tuple(of_joints))
 
     def _fitted(self, grams: Grams, noise: FloatArray) -> FloatArray:
-        """(blocks + 1, c): parameters of the blocks but each, and of all; where motion says nothing, the smallest."""
-        # Relative to the largest, since torques may be of any size, and squares of their inverses too large.
+        """Return the parameters (blocks + 1, c) of all blocks but each, and of all.
+
+        Of those that the motion does not determine, the smallest.
+        """
+        # Weights relative to the largest noise: torques may be in any unit, and squares of their inverses may overflow.
         c, weights = self.n_columns, (noise.max() / noise) ** 2
         normal = OTHERS @ (weights @ grams.inner[:-1].reshape(BLOCKS, self._robot.n, c * c))
         right = OTHERS @ (weights @ grams.right[:-1])
@@ -274,11 +309,11 @@ class Judge:
         return np.asarray(np.linalg.solve(normal, (right / scale)[:, :, None])[:, :, 0] / scale)
 
     def _drives(self, grams: Grams, values: FloatArray, joint: int, rest: float) -> bool:
-        """Whether a joint's friction surely gives it energy, and more than what is left could be."""
+        """Tell whether a joint's friction surely gives it energy, and more than the unexplained torque could be."""
         friction, sign = self._frictions[joint]
         whole, own = grams.inner[-1, joint], values[:, friction]
         work = own @ whole[sign, friction]
-        # Each fit lacks one block: the jackknife's standard error.
+        # Each fit leaves one block out, so the scatter of the fits gives the jackknife's standard error.
         if work.mean() >= -_DRIVES * np.sqrt((BLOCKS - 1) * work.var()):
             return False
         size = np.einsum("bi,ik,bk->b", own, whole[np.ix_(friction, friction)], own)
@@ -286,27 +321,37 @@ class Judge:
 
     @cached_property
     def _frictions(self) -> list[tuple[list[int], int]]:
-        """The columns of each joint's friction, and that of its dry one, which is 1 or -1."""
+        """Columns of each joint's friction, and that of its dry friction, which is 1 or -1."""
         columns = self._observation.columns
-        found = []
+        frictions = []
         for name in self._robot.joint_names:
-            own = [k for k, one in enumerate(columns) if one.link == name and effect_by_id(one.effect).is_friction]
-            found.append((own, next(k for k in own if role_of(columns[k]) == "dry")))
-        return found
+            own = [
+                k for k, column in enumerate(columns) if column.link == name and effect_by_id(column.effect).is_friction
+            ]
+            frictions.append((own, next(k for k in own if role_of(columns[k]) == "dry")))
+        return frictions
 
 
 def log_shares(squares: FloatArray, measured: FloatArray) -> FloatArray:
-    """Logarithm of the share of a torque that is left, of squares (..., n) of it and what was measured (n,)."""
+    """Return the logarithm of the unexplained share of a torque.
+
+    Parameters
+    ----------
+    squares : (..., n)
+        Squared errors.
+    measured : (n,)
+        Squared torque.
+    """
     shares = np.sqrt(np.maximum(squares, 0.0) / np.maximum(measured, np.finfo(float).tiny))
     return np.asarray(np.log(np.clip(shares, _LEAST, _MOST)))
 
 
 def moves_of(motion: Motion) -> BoolArray:
-    """(m, n): where each joint moves."""
+    """Return where each joint moves (m, n)."""
     return np.asarray(np.abs(motion.dq) > _SLOW * np.sqrt((motion.dq**2).mean(axis=0)))
 
 
 def moving_joints(motion: Motion) -> BoolArray:
-    """(n,): which joints move, and have a torque that changes: of the others nothing can be told."""
+    """Return which joints move, and have a torque that changes (n,): the others tell nothing."""
     speed = np.sqrt((motion.dq**2).mean(axis=0))
     return np.asarray((speed > _STILL * speed.max(initial=0.0)) & (np.ptp(motion.tau, axis=0) > 0))

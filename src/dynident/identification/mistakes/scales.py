@@ -1,4 +1,4 @@
-"""Torques in another unit, or by another gain: many times what the description's masses or friction would need."""
+"""Find torques in another unit, or with another gain: many times what the description's masses or friction need."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ at the flange makes it so of wrists, so that friction has to say it, too."""
 class Scale:
     """A joint, from 0, whose torque is `times` what it should be, and the power of ten that it is off by.
 
-    That is told by the masses of the description, or by the friction of the other joints: `by_friction`.
+    This follows from the masses of the description, or from the friction of the other joints: `by_friction`.
     """
 
     joint: int
@@ -57,20 +57,32 @@ class Scale:
 
 
 def scales_of(robot: Robot, motion: Motion, excess: Mapping[int, float]) -> tuple[Scale, ...] | None:
-    """The joints whose torques are in another unit; None where the description gives no masses and friction tells none.
+    """Return the joints whose torques are in another unit.
 
-    `excess` are the joints whose friction is too large, and how many times, as `frictions.excess_of` tells.
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    excess : mapping of int to float
+        Joints whose friction is too large, and how many times, from `frictions.excess_of`.
+
+    Returns
+    -------
+    tuple of Scale or None
+        None where the description gives no masses and friction shows no excess.
     """
-    told = _told(robot, motion)
-    if told is None:
+    factors = _told(robot, motion)
+    if factors is None:
         return _by_friction(excess) or None
-    middle = _middle(told) or 1.0
+    middle = _middle(factors) or 1.0
+    # One factor for most joints: the unit of the file is another, not the gains of single joints.
     if not 1.0 / FAR_OF_VOTES < middle < FAR_OF_VOTES:
-        # The majority may be of another make, and the others right.
-        right = {joint for joint, (times, share) in enumerate(told) if _agrees(times, share)}
-        middle = _middle([told[joint] for joint in range(robot.n) if joint not in right]) or middle
+        # Most joints are off, but some may be right: those of another make.
+        right = {joint for joint, (times, share) in enumerate(factors) if _agrees(times, share)}
+        middle = _middle([factors[joint] for joint in range(robot.n) if joint not in right]) or middle
         return tuple(Scale(joint, middle, _power(middle)) for joint in range(robot.n) if joint not in right)
-    explained = {joint: times for joint, (times, share) in enumerate(told) if share >= EXPLAINED and times > 0}
+    # The masses come first. Friction decides only for joints whose load explains too little of their torque.
+    explained = {joint: times for joint, (times, share) in enumerate(factors) if share >= EXPLAINED and times > 0}
     by_masses = (
         Scale(joint, times, _power(times)) for joint, times in explained.items() if not 1.0 / FAR < times < FAR
     )
@@ -79,14 +91,20 @@ def scales_of(robot: Robot, motion: Motion, excess: Mapping[int, float]) -> tupl
 
 
 def _agrees(times: float, share: float) -> bool:
-    """Tell whether a torque is what the masses of the description need, as far as it tells."""
+    """Tell whether a torque is what the masses of the description need, as far as they explain it."""
     return share >= EXPLAINED_OF_GROUP and 1.0 / FAR_OF_VOTES < times < FAR_OF_VOTES
 
 
 def heavy_joints(robot: Robot, motion: Motion) -> set[int]:
-    """Joints whose torque is several times what the masses need, as far as they tell: others must say so, too."""
-    told = _told(robot, motion) or ()
-    return {joint for joint, (times, share) in enumerate(told) if share >= EXPLAINED_OF_VOTES and times > HEAVY}
+    """Return joints whose torque is several times what the masses need; another sign has to confirm it.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    """
+    factors = _told(robot, motion) or ()
+    return {joint for joint, (times, share) in enumerate(factors) if share >= EXPLAINED_OF_VOTES and times > HEAVY}
 
 
 def _by_friction(excess: Mapping[int, float]) -> tuple[Scale, ...]:
@@ -94,46 +112,72 @@ def _by_friction(excess: Mapping[int, float]) -> tuple[Scale, ...]:
 
 
 def usual_scale(robot: Robot, motion: Motion) -> float | None:
-    """How many times the description's load the torques are, in the middle of the joints that say so; None of none."""
-    told = _told(robot, motion)
-    return None if told is None else _middle(told)
+    """Return the median ratio of the torques to the description's load; None where too few joints tell.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    """
+    factors = _told(robot, motion)
+    return None if factors is None else _middle(factors)
 
 
-def _middle(told: Sequence[tuple[float, float]]) -> float | None:
-    votes = [times for times, explained in told if explained >= EXPLAINED_OF_VOTES and times > 0]
+def _middle(factors: Sequence[tuple[float, float]]) -> float | None:
+    votes = [times for times, explained in factors if explained >= EXPLAINED_OF_VOTES and times > 0]
     return float(np.median(votes)) if len(votes) >= VOTES else None
 
 
 def _told(robot: Robot, motion: Motion) -> list[tuple[float, float]] | None:
-    """Of every joint the factor of the description's load in its torque, and what it explains; None without masses."""
+    """Return for every joint the factor of the description's load in its torque, and the share it explains.
+
+    None without masses.
+    """
     load = load_of(robot, motion)
     return None if load is None else [_times(load[:, joint], motion, joint) for joint in range(robot.n)]
 
 
 def load_of(robot: Robot, motion: Motion) -> FloatArray | None:
-    """(m, n): torque that the links need as the description has them; None without masses."""
+    """Return the torque (m, n) that the links need as the description has them; None without masses."""
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
         return None
     return described_torque(robot, motion.q, motion.dq, motion.ddq)
 
 
 def nearer_to_masses(load: FloatArray | None, motion: Motion, joint: int, factor: float) -> bool:
-    """Whether a joint's torque times `factor` is nearer to what the masses need, `load` (m, n); without masses, too."""
+    """Tell whether a joint's torque times `factor` is nearer to what the masses need; also where they are not known.
+
+    Parameters
+    ----------
+    load : (m, n), optional
+        Torque that the masses need; None without masses.
+    motion : Motion
+    joint : int
+    factor : float
+    """
     if load is None:
         return True
-    needed, own = (float(np.sqrt((one[:, joint] ** 2).mean())) for one in (load, motion.tau))
+    needed, own = (float(np.sqrt((torque[:, joint] ** 2).mean())) for torque in (load, motion.tau))
     return needed <= 0.0 or own <= 0.0 or abs(np.log(factor * own / needed)) < abs(np.log(own / needed))
 
 
 def by_masses(robot: Robot, motion: Motion, joints: Sequence[int], factor: float) -> float:
-    """Give the factor that makes of the torques of some joints what the description's masses need.
+    """Return the factor that makes of the torques of some joints what the description's masses need.
 
     It is `factor`, a power of ten, where the masses say about the same, or nothing of these joints.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    joints : sequence of int
+    factor : float
     """
-    told = _told(robot, motion) or ()
-    known = [told[k][0] for k in joints if told and told[k][1] >= EXPLAINED_OF_GROUP and told[k][0] > 0]
+    factors = _told(robot, motion) or ()
+    known = [factors[k][0] for k in joints if factors and factors[k][1] >= EXPLAINED_OF_GROUP and factors[k][0] > 0]
     if not known:
         return factor
+    # The fit is flat near its best factor, so the factor that the masses give is the better one if it is near.
     ratio = 1.0 / float(np.median(known))
     if not 1.0 / SAME_POWER < ratio / factor < SAME_POWER:
         return factor
@@ -146,22 +190,23 @@ def _power(times: float) -> float:
 
 
 def _times(load: FloatArray, motion: Motion, joint: int) -> tuple[float, float]:
-    """By which factor a load is in a torque, and which share of what friction and drive leave it explains."""
+    """Return the factor of a load in a torque, and the share that it explains of what friction and drive leave."""
     dq, tau = motion.dq[:, joint], motion.tau[:, joint]
     others = np.stack([np.sign(dq), dq, np.ones(len(dq)), motion.ddq[:, joint]], axis=1)
+    # Project friction and the drive's inertia out of both, so that only what the load explains beyond them counts.
     projector = np.linalg.pinv(others)
-    load, tau = (one - others @ (projector @ one) for one in (load, tau))
+    load, tau = (torque - others @ (projector @ torque) for torque in (load, tau))
     size, whole = float(load @ load), float(tau @ tau)
     if size <= 0.0 or whole <= 0.0:
         return 1.0, 0.0
     times = float(load @ tau) / size
     share = times * times * size / whole
-    products, squares = (np.bincount(motion.block, weights=load * one).astype(np.float64) for one in (tau, load))
+    products, squares = (np.bincount(motion.block, weights=load * torque).astype(np.float64) for torque in (tau, load))
     return times, share if _is_known(products, squares) else 0.0
 
 
 def _is_known(products: FloatArray, squares: FloatArray) -> bool:
-    """Whether a factor is surely not nothing, of the products of each block of time (blocks,), by the jackknife."""
+    """Tell whether a factor is surely not zero, from its sums in each block of time (blocks,), by the jackknife."""
     others = squares.sum() - squares
     if len(squares) < 2 or not (others > 0).all():
         return False

@@ -1,4 +1,4 @@
-"""Which mistake, if any, was made: the one without which the robot's own dynamics explain the torque clearly better."""
+"""Search for faults of the columns: those without which the robot's own dynamics explain the torque clearly better."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ from dynident.recordings import Recording
 from dynident.robot.model import Robot
 
 MOST_JOINTS = 12
-"""Of longer chains the pairs are too many to be tried while somebody waits."""
+"""Longer chains have too many pairs to be tried while somebody waits."""
 
 _ROWS_PER_COLUMN = 8
+"""Rows for each parameter that a fit needs, at least, to tell one order of the columns from another."""
 
 _CERTAIN, _CERTAIN_OF_JOINTS, SOUND = 1.2, 2.4, 0.2
 """Sum over the joints of the logarithm of what is left that falls without a mistake, from which on nothing else is
@@ -68,9 +69,9 @@ _PARALLEL = 0.999
 
 @dataclass(frozen=True)
 class Finding:
-    """A mistake that was made, what it cannot be told from, and what is left of the torque with it and without.
+    """A fault that was found, those it cannot be told from, and the unexplained shares with it and without.
 
-    Where it is not `certain`, something else that is wrong may look so.
+    Where it is not `certain`, another cause may look the same.
     """
 
     mistake: Mistake
@@ -81,14 +82,20 @@ class Finding:
 
 
 def mistakes_in(robot: Robot, recording: Recording) -> tuple[tuple[Finding, ...], float] | None:
-    """The gross mistakes in a recording, the one that explains most first.
+    """Find the gross faults in a recording, the one that explains most first.
 
-    One after the other is mended until none is left without which the torque is explained clearly better.
+    One after the other is mended, until no further one makes the torque clearly better explained.
+
+    Parameters
+    ----------
+    robot : Robot
+    recording : Recording
 
     Returns
     -------
-    The mistakes, and the share of an average joint's torque that is left without them; None where the recording is too
-    short, or the robot too long, to tell.
+    tuple of findings and float, or None
+        The faults, and the share of an average joint's torque that is unexplained without them; None where the
+        recording is too short, or the robot has too many joints.
     """
     judges = Judges(robot)
     whole = motion_to_judge(recording, judges) if robot.n <= MOST_JOINTS else None
@@ -96,45 +103,68 @@ def mistakes_in(robot: Robot, recording: Recording) -> tuple[tuple[Finding, ...]
 
 
 def mistakes_of(robot: Robot, motion: Motion, judges: Judges | None = None) -> tuple[tuple[Finding, ...], float] | None:
-    """The same of rows that are filtered already, `judges` those of the robot, if they are at hand."""
-    found = find_mistakes(robot, motion, judges)
-    return None if found is None else (found[0], found[1].usual)
+    """Find the gross faults in rows that are filtered already.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    judges : Judges, optional
+        Those of the robot, if they exist already.
+
+    Returns
+    -------
+    tuple of findings and float, or None
+    """
+    search_result = find_mistakes(robot, motion, judges)
+    return None if search_result is None else (search_result[0], search_result[1].usual)
 
 
 def find_mistakes(
     robot: Robot, motion: Motion, judges: Judges | None = None
 ) -> tuple[tuple[Finding, ...], Left] | None:
-    """Find the mistakes in filtered rows, and what is left without them; None where the rows are too few to tell."""
+    """Find the faults in filtered rows, and what is unexplained without them; None where the rows are too few.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    judges : Judges, optional
+        Those of the robot, if they exist already.
+    """
     judges = judges or Judges(robot)
     judge = judges.plain
     if not _is_enough(motion, judge):
         return None
-    found: list[Finding] = []
+    findings: list[Finding] = []
     now = judge.left(motion)
-    while len(found) < _MOST_MISTAKES:
+    # Mend the clearest fault, then look again: several faults hide each other, and the first one's cure changes the
+    # rest.
+    while len(findings) < _MOST_MISTAKES:
         step = _best(judge, robot, motion, now)
         if step is None:
             break
         fall, summed = now.score - step.left.score, now.summed_fall_to(step.left)
         mended = step.mistake.mended(motion)
         if judge is judges.plain and _fall_of(judges.beside_offsets, motion, mended) < BESIDE_OFFSETS * fall:
-            # A constant torque explains the same: what else there is, is looked for beside it.
+            # A constant torque explains the same, so the search goes on with constant torques in the model.
             judge = judges.beside_offsets
             now = judge.left(motion)
             continue
         least = _CERTAIN_OF_JOINTS if step.mistake.is_of_whole_joints else _CERTAIN
-        # A drive that is coupled with its neighbour looks like a gain that is wrong, by as much; of several none does.
+        # One scaled torque is never certain: a drive that is coupled with its neighbour looks like a wrong gain. Of
+        # several joints at once this is not so.
         may_be_sure = step.mistake.kind != "torque scaled" or len(step.mistake.joints) > 1
         certain = may_be_sure and summed >= least and step.left.usual <= SOUND
-        found.append(Finding(step.mistake, step.alike, now.usual, step.left.usual, certain))
+        findings.append(Finding(step.mistake, step.alike, now.usual, step.left.usual, certain))
         motion, now = mended, step.left
-    return tuple(found), now
+    return tuple(findings), now
 
 
 class Judges:
-    """What judges motions of a robot: its links and friction, or those beside a constant torque on each joint.
+    """Judges of a robot's motions: with its links and friction, and with a constant torque on each joint as well.
 
-    Each is built when it is first asked for, and serves whatever is asked of the robot.
+    Each is built when it is first needed, and serves all questions about the robot.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -142,22 +172,22 @@ class Judges:
 
     @cached_property
     def plain(self) -> Judge:
-        """Of links and friction."""
+        """Judge with links and friction."""
         return Judge(self._robot)
 
     @cached_property
     def beside_offsets(self) -> Judge:
-        """Of these and a constant torque on each joint."""
+        """Judge with links, friction and a constant torque on each joint."""
         return Judge(self._robot, (OFFSETS,))
 
 
 def _fall_of(judge: Judge, motion: Motion, mended: Motion) -> float:
-    """By how much less is left without a mistake."""
+    """Return how much the score falls without a fault."""
     return judge.left(motion).score - judge.left(mended).score
 
 
 class _Step(NamedTuple):
-    """A mistake, what cannot be told from it, and what is left without it."""
+    """A fault, those that cannot be told from it, and what is unexplained without it."""
 
     mistake: Mistake
     alike: tuple[Mistake, ...]
@@ -165,29 +195,40 @@ class _Step(NamedTuple):
 
 
 def _best(judge: Judge, robot: Robot, motion: Motion, now: Left) -> _Step | None:
-    """The mistake without which least is left of a motion; None where none is told."""
+    """Return the fault without which least of a motion is unexplained; None where no fault is clear."""
     sizes = _Sizes(load_of(robot, motion), judge.frictions(motion), _excess(judge, robot, motion))
+    # A torque that never changes was not recorded, so nobody exchanged it.
     has_torque = np.ptp(motion.tau, axis=0) > 0
     among = mistakes_among(now.moving, parallel_to_the_one_before(robot), has_torque, chains_of(robot))
     off = _joints_off(sizes.frictions)
-    possible = [one for one in among if one.joints not in off and _may_be(one, robot, motion, sizes)]
-    tried = [(one, judge.left(one.mended(motion))) for one in possible]
+    possible = [mistake for mistake in among if mistake.joints not in off and _may_be(mistake, robot, motion, sizes)]
+    trials = [(mistake, judge.left(mistake.mended(motion))) for mistake in possible]
+    # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
     described = SecondOpinion(robot, motion, now)
-    for best, left in sorted(tried, key=lambda pair: pair[1].score):
-        if not now.surely_above(left, best.kind) or left.usual > _CURED:
+    for best, unexplained in sorted(trials, key=lambda pair: pair[1].score):
+        if not now.surely_above(unexplained, best.kind) or unexplained.usual > _CURED:
             return None
-        if best.kind != "torque scaled" and left.against >= now.against and len(best.joints) < robot.n:
-            apart = judge.left(alone(motion, best.joints))
-            if now.fall_to(apart) > _APART * now.fall_to(left):
+        # Scale the torques of these joints down until they have no say in the parameters of the others. Where that
+        # explains nearly as much as mending the fault, the joints only do not go with the others, for whatever reason:
+        # the fault is not proved.
+        if best.kind != "torque scaled" and unexplained.against >= now.against and len(best.joints) < robot.n:
+            unexplained_alone = judge.left(alone(motion, best.joints))
+            if now.fall_to(unexplained_alone) > _APART * now.fall_to(unexplained):
                 return None
         if described.refutes(best):
             continue
         own = (best.kind, best.joints)
-        alike = [one for one, other in tried if (one.kind, one.joints) != own and other.score - left.score < ALIKE]
+        alike = [
+            mistake
+            for mistake, other in trials
+            if (mistake.kind, mistake.joints) != own and other.score - unexplained.score < ALIKE
+        ]
         if best.kind == "torque scaled":
             best = replace(best, factor=by_masses(robot, motion, best.joints, best.factor))
-            left = judge.left(best.mended(motion))
-        return _Step(best, tuple(one for one in alike if not _is_told_apart(best, one, described)), left)
+            unexplained = judge.left(best.mended(motion))
+        return _Step(
+            best, tuple(mistake for mistake in alike if not _is_told_apart(best, mistake, described)), unexplained
+        )
     return None
 
 
@@ -196,64 +237,73 @@ def _is_told_apart(best: Mistake, other: Mistake, described: SecondOpinion) -> b
 
 
 def _joints_off(frictions: FloatArray) -> set[tuple[int, ...]]:
-    """Joints, one by one, whose torque has no friction beside that of the others, of friction (blocks, n)."""
+    """Return the joints, one by one, whose torque has no friction beside the others', of frictions (blocks, n)."""
     size = np.abs(np.median(frictions, axis=0))
     others = [np.delete(size, joint) for joint in range(len(size))]
-    usual = [float(np.median(one[np.isfinite(one)])) if np.isfinite(one).any() else 0.0 for one in others]
+    usual = [float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0 for sizes in others]
     return {(joint,) for joint in range(len(size)) if size[joint] < _OFF * usual[joint]}
 
 
 @dataclass(frozen=True, eq=False)
 class _Sizes:
-    """What tells a torque's size: the load (m, n) of the masses, frictions (blocks, n), joints that have too much."""
+    """Evidence of a torque's size.
+
+    The load (m, n) of the masses, frictions (blocks, n), and the joints with too much friction.
+    """
 
     load: FloatArray | None
     frictions: FloatArray
     excess: Collection[int]
 
 
-def _may_be(one: Mistake, robot: Robot, motion: Motion, sizes: _Sizes) -> bool:
-    """Whether neither masses nor friction refute a mistake: a torque in another unit is far from those of the others.
+def _may_be(mistake: Mistake, robot: Robot, motion: Motion, sizes: _Sizes) -> bool:
+    """Tell whether neither masses nor friction refute a fault.
 
-    Where the friction of some joints is too large, they are among them.
+    Where the friction of some joints is too large, a scaled torque has to be among them.
     """
-    if one.kind != "torque scaled":
+    if mistake.kind != "torque scaled":
         return True
-    if sizes.excess and (not set(sizes.excess) <= set(one.joints) or one.factor > 1.0):
+    if sizes.excess and (not set(sizes.excess) <= set(mistake.joints) or mistake.factor > 1.0):
         return False
     return all(
-        nearer_to_masses(sizes.load, motion, joint, one.factor)
-        and nearer_to_others(robot, sizes.frictions, joint, one.factor)
-        for joint in one.joints
+        nearer_to_masses(sizes.load, motion, joint, mistake.factor)
+        and nearer_to_others(robot, sizes.frictions, joint, mistake.factor)
+        for joint in mistake.joints
     )
 
 
 def motion_to_judge(recording: Recording, judges: Judges) -> tuple[Motion, float] | None:
-    """Filter a recording as an identification does; or narrower, where much is left that way and clearly less so.
+    """Filter a recording as an identification does; or narrower, where much less is unexplained then.
+
+    Parameters
+    ----------
+    recording : Recording
+    judges : Judges
 
     Returns
     -------
-    Rows in their order, and the seconds between them; None where the recording is too short.
+    tuple of Motion and float, or None
+        Rows in their order, and the seconds between them; None where the recording is too short.
     """
     wide = whole_motion_of(recording)
     if wide is None or not _is_enough(wide[0], judges.plain):
         return wide
-    left = judges.plain.left(thinned(wide[0]))
-    if max(left.usual, left.worst) < _EXPLAINED:
+    unexplained = judges.plain.left(thinned(wide[0]))
+    if max(unexplained.usual, unexplained.worst) < _EXPLAINED:
         return wide
     narrow = whole_motion_of(recording, narrow=True)
     if narrow is None or not _is_enough(narrow[0], judges.plain):
         return wide
-    return narrow if left.summed_fall_to(judges.plain.left(thinned(narrow[0]))) >= CLEARLY else wide
+    return narrow if unexplained.summed_fall_to(judges.plain.left(thinned(narrow[0]))) >= CLEARLY else wide
 
 
 def _is_enough(motion: Motion, judge: Judge) -> bool:
-    """Whether there are rows enough to tell anything."""
+    """Tell whether there are enough rows to decide anything."""
     return len(thinned(motion).q) * int(moving_joints(motion).sum()) >= _ROWS_PER_COLUMN * judge.n_columns
 
 
 def chains_of(robot: Robot) -> list[list[int]]:
-    """Give the joints of each chain without branches: of every leg, or arm, of a robot."""
+    """Return the joints of each chain without branches: of every leg, or arm, of a robot."""
     children = Counter(joint.parent for joint in robot.joints)
     chains: list[list[int]] = []
     for k, joint in enumerate(robot.joints):
@@ -265,22 +315,22 @@ def chains_of(robot: Robot) -> list[list[int]]:
 
 
 def parallel_to_the_one_before(robot: Robot) -> BoolArray:
-    """(n,): joints that turn about an axis parallel to that of the joint before: their angles may be counted together.
+    """Return which joints (n,) turn about an axis parallel to that of the joint before.
 
-    Of a robot whose joints follow others nothing is told.
+    Their angles may be counted together. None are named for a robot whose joints follow others.
     """
-    found = np.zeros(robot.n, dtype=bool)
+    parallel = np.zeros(robot.n, dtype=bool)
     for k in range(1, robot.n if robot.linkage is None else 0):
         joint, before = robot.joints[k], robot.joints[k - 1]
         if joint.parent != k - 1 or {joint.kind, before.kind} != {"revolute"}:
             continue
         across = np.asarray(joint.placement)[:3, :3] @ np.asarray(joint.axis)
-        found[k] = abs(float(across @ np.asarray(before.axis))) > _PARALLEL
-    return found
+        parallel[k] = abs(float(across @ np.asarray(before.axis))) > _PARALLEL
+    return parallel
 
 
 def excess_in(robot: Robot, motion: Motion, judges: Judges | None = None) -> dict[int, float]:
-    """The joints whose friction is too large for the robot, and how many times."""
+    """Return the joints whose friction is too large for the robot, and how many times."""
     return _excess((judges or Judges(robot)).plain, robot, motion)
 
 
@@ -289,9 +339,17 @@ def _excess(judge: Judge, robot: Robot, motion: Motion) -> dict[int, float]:
 
 
 def delay_among(robot: Robot, motion: Motion, period: float, judges: Judges | None = None) -> Delay | None:
-    """By how much the torque of a motion is late: all filtered rows, in their order, `period` s apart.
+    """Return the delay of the torque of a motion; None where the rows are too few.
 
-    None where they are too few to tell.
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+        All filtered rows, in their order.
+    period : float
+        s between rows.
+    judges : Judges, optional
+        Those of the robot, if they exist already.
     """
     judges = judges or Judges(robot)
     judge = judges.plain
@@ -300,26 +358,42 @@ def delay_among(robot: Robot, motion: Motion, period: float, judges: Judges | No
     return delay_of(
         motion,
         period,
-        lambda tried: judge.left(thinned(tried)),
-        lambda tried: judges.beside_offsets.left(thinned(tried)),
+        lambda delayed: judge.left(thinned(delayed)),
+        lambda delayed: judges.beside_offsets.left(thinned(delayed)),
     )
 
 
 def better_by_other_gains(robot: Robot, motion: Motion, factor: float) -> float:
-    """By how much other gains would explain better: near 0 where the torques of all joints are in one unit.
+    """Return how much other gains would explain better: near 0 where the torques of all joints are in one unit.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    factor : float
+        Of the other gains.
 
     Returns
     -------
-    The largest fall of the mean logarithm of what is left, with the torque of any joint, or of all joints from one on,
-    times or over `factor`.
+    float
+        The largest fall of the score, with the torque of any joint, or of all joints from one on, times or over
+        `factor`.
     """
     judge = Judge(robot)
+    # A torque in a single unit fits best as it is; if it gains by scaling some joints, the joints are in different
+    # units.
     now, joints = judge.left(motion), np.arange(robot.n)
     groups = [*(joints == k for k in np.flatnonzero(now.moving)), *(joints >= k for k in range(2, robot.n - 1))]
-    tried = [np.where(group, one, 1.0) for group in groups for one in (factor, 1.0 / factor)]
-    return max(now.score - judge.left(replace(motion, tau=motion.tau * times)).score for times in tried)
+    factors = [np.where(group, times, 1.0) for group in groups for times in (factor, 1.0 / factor)]
+    return max(now.score - judge.left(replace(motion, tau=motion.tau * times)).score for times in factors)
 
 
 def left_of(robot: Robot, motion: Motion) -> float:
-    """Share of an average joint's torque that the robot's dynamics leave."""
+    """Return the share of an average joint's torque that the robot's dynamics leave unexplained.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    """
     return Judge(robot).left(motion).usual

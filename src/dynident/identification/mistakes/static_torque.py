@@ -1,4 +1,4 @@
-"""Whether a torque is what a controller commands against gravity: it has neither friction nor inertia in it."""
+"""Detect torques that a controller commands against gravity: they hold neither friction nor inertia."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from dynident.identification.mistakes.swaps import Motion
 from dynident.robot.model import Robot
 
 _STATES = 800
-"""Rows that tell: a load of gravity has a few parameters a joint."""
+"""Rows that are used: a load of gravity has a few parameters a joint."""
 
 _HEAVY = 0.3
-"""Of the largest torque: joints with more are asked. What is left of the others' is noise."""
+"""Share of the largest torque above which a joint takes part: what gravity leaves of the others' is noise."""
 
 _EXPLAINED = 0.2
 """Share of a joint's torque that the load of gravity may leave, in blocks of time that were not fitted to."""
@@ -25,7 +25,7 @@ _NO_FRICTION = 0.01
 and more, even of direct drives, since joints move on bearings and seals."""
 
 _BY_CHANCE = 0.15
-"""Share of what the load leaves that three columns explain of noise in so few hundred rows that hang together."""
+"""Share of the load's residual that three columns explain of correlated noise in a few hundred rows, by chance."""
 
 _MOVES = 0.01
 """rad or m that the fastest joint must move in the mean, or nothing tells friction."""
@@ -33,9 +33,9 @@ _MOVES = 0.01
 
 @dataclass(frozen=True)
 class StaticTorque:
-    """What the load of gravity leaves of the torque, and the share that friction and inertia have, at most of a joint.
+    """Shares of a torque that the load of gravity leaves, and that friction and inertia have.
 
-    `joints` are those that say so.
+    Each is the largest of any joint; `joints` are those that were tested.
     """
 
     left: float
@@ -44,15 +44,20 @@ class StaticTorque:
 
 
 def find_static_torque(robot: Robot, motion: Motion, judge: Judge) -> StaticTorque | None:
-    """Tell whether gravity alone explains a torque, and motion has no part in it; None where it has, or none tells.
+    """Decide whether gravity alone explains a torque, and motion has no part in it.
 
     Parameters
     ----------
     robot : Robot
     motion : Motion
-        Filtered rows. Joints without torque are not asked.
+        Filtered rows. Joints without torque are not tested.
     judge : Judge
         That of the robot.
+
+    Returns
+    -------
+    StaticTorque or None
+        None where motion has a part in it, or the data do not tell.
     """
     if not np.linalg.norm(robot.gravity) > 1.0 or float(np.std(motion.q, axis=0).max(initial=0.0)) < _MOVES:
         return None
@@ -65,10 +70,10 @@ def find_static_torque(robot: Robot, motion: Motion, judge: Judge) -> StaticTorq
     shares: list[tuple[float, float]] = []
     for joint in np.flatnonzero(heavy):
         own = np.column_stack([np.sign(dq[:, joint]), dq[:, joint], ddq[:, joint]])
-        left, moving = _shares(loads[joint], own, tau[:, joint], block)
-        if left > _EXPLAINED or moving > max(_NO_FRICTION, _BY_CHANCE * left):
+        share_left, moving = _shares(loads[joint], own, tau[:, joint], block)
+        if share_left > _EXPLAINED or moving > max(_NO_FRICTION, _BY_CHANCE * share_left):
             return None
-        shares.append((left, moving))
+        shares.append((share_left, moving))
     if not shares:
         return None
     worst = np.max(shares, axis=0)
@@ -76,17 +81,20 @@ def find_static_torque(robot: Robot, motion: Motion, judge: Judge) -> StaticTorq
 
 
 def _shares(loads: FloatArray, own: FloatArray, tau: FloatArray, block: IntArray) -> tuple[float, float]:
-    """What the load leaves of a joint's torque, held out, and the share that friction and inertia explain beside it."""
+    """Return the shares of a joint's torque that the load leaves, held out, and of friction and inertia."""
     rows = np.column_stack([loads, np.ones(len(tau)), own])
     rows = rows / np.maximum(np.sqrt((rows**2).mean(axis=0)), np.finfo(float).tiny)
     n = rows.shape[1] - own.shape[1]
     squares = 0.0
-    for one in range(BLOCKS):
-        inside = block != one
+    for number in range(BLOCKS):
+        # Held out by blocks: the columns of the load could explain a short piece of any torque that they are fitted
+        # to.
+        inside = block != number
         solved = np.linalg.lstsq(rows[inside, :n], tau[inside], rcond=1e-6)[0]
         squares += float(((tau[~inside] - rows[~inside, :n] @ solved) ** 2).sum())
     size = float((tau**2).sum())
-    # What of friction and inertia looks like a load, in a small motion, is none of theirs.
+    # Only what friction and inertia explain beyond the load counts as theirs: in a small motion they may look like a
+    # load.
     by_load, by_all = (tau - part @ np.linalg.lstsq(part, tau, rcond=1e-6)[0] for part in (rows[:, :n], rows))
-    beside = max(float((by_load**2).sum() - (by_all**2).sum()), 0.0)
-    return float(np.sqrt(squares / size)), float(np.sqrt(beside / size))
+    moving = max(float((by_load**2).sum() - (by_all**2).sum()), 0.0)
+    return float(np.sqrt(squares / size)), float(np.sqrt(moving / size))

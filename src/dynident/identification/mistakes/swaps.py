@@ -1,4 +1,4 @@
-"""What may be wrong with the columns of a recording, each as the change of its signals that would put it right."""
+"""Faults of the columns of a recording, each with the change of the signals that mends it."""
 
 from __future__ import annotations
 
@@ -27,8 +27,10 @@ _TURNS: tuple[Kind, ...] = ("torque turned", "position turned", "joint turned")
 _OF_POSITION = ("positions swapped", "joints swapped", "position turned", "joint turned", "joint coupled")
 _OF_TORQUE = ("torques swapped", "joints swapped", "torque turned", "joint turned", "torque scaled")
 _SMALL = 1e-3
+"""Factor that silences a torque: zero would take the joint out of the joints with a torque."""
+
 FACTORS = (0.001, 0.1, 10.0, 1000.0)
-"""By which a torque may have to be multiplied: a gain that is ten times off, and units in steps of a thousand."""
+"""Factors that mend a torque: a gain that is ten times off, and units in steps of a thousand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +46,11 @@ class Motion:
 
 @dataclass(frozen=True)
 class Mistake:
-    """One mistake: joints whose columns stand in each other's place, or joints whose sign or size is another.
+    """One fault: joints whose columns stand in each other's place, or joints whose sign or size is wrong.
 
     Joints that are swapped stand side by side, pair after pair: (0, 3, 1, 4) are 0 with 3, and 1 with 4. Of a joint
-    that is swapped or turned, both position and torque are. `factor` mends torques that are scaled. Of two joints that
-    are coupled, the first is counted from the second: its position is that of the column less `factor` times the
+    that is swapped or turned, both position and torque are. `factor` mends torques that are scaled. Of two joints
+    that are coupled, the first is counted from the second: its position is that of the column less `factor` times the
     second's.
     """
 
@@ -63,7 +65,7 @@ class Mistake:
 
     @property
     def pairs(self) -> tuple[tuple[int, int], ...]:
-        """The joints that stand in each other's place."""
+        """Pairs of joints that stand in each other's place."""
         return tuple(zip(self.joints[::2], self.joints[1::2], strict=True)) if self.is_swap else ()
 
     @property
@@ -82,7 +84,13 @@ class Mistake:
         return self.is_of_positions and self.is_of_torques
 
     def mended(self, motion: Motion) -> Motion:
-        """The recording without the mistake, if it is the one that was made."""
+        """Return the motion without the fault, if it is the one that was made.
+
+        Parameters
+        ----------
+        motion : Motion
+            As it was recorded.
+        """
         n = motion.q.shape[1]
         order, sign = np.arange(n), np.ones(n)
         if self.is_swap:
@@ -108,7 +116,13 @@ def _uncoupled(signal: FloatArray, mistake: Mistake) -> FloatArray:
 
 
 def alone(motion: Motion, joints: tuple[int, ...]) -> Motion:
-    """The motion with some joints' torques so small that they say nothing of what other joints' torques need, too."""
+    """Return the motion with some joints' torques so small that they have no say in the parameters of the others.
+
+    Parameters
+    ----------
+    motion : Motion
+    joints : tuple of int
+    """
     tau = motion.tau.copy()
     tau[:, list(joints)] *= _SMALL
     return replace(motion, tau=tau)
@@ -120,14 +134,16 @@ def mistakes_among(
     has_torque: BoolArray | None = None,
     chains: Sequence[Sequence[int]] = (),
 ) -> Iterator[Mistake]:
-    """Yield all mistakes that may have been made, those of the whole robot first.
+    """Yield all faults that are possible, those of the whole robot first.
 
     Parameters
     ----------
     moving : (n,)
-        Joints that move: of the others nothing can be told.
+        Joints that move: the others tell nothing.
+    parallel : (n,), optional
+        Joints whose axis is parallel to that of the joint before.
     has_torque : (n,), optional
-        Joints whose torque is not the same throughout: nobody has exchanged one that was not recorded.
+        Joints whose torque changes: nobody has exchanged one that was not recorded.
     chains : sequence of joints, optional
         The joints of each arm, or leg, of the robot.
     """
@@ -142,7 +158,7 @@ def mistakes_among(
         if moving[first] and moving[second]:
             yield from (Mistake(kind, (first, second)) for kind in _SWAPS)
         elif (moving[first] or moving[second]) and (has_torque is None or has_torque[[first, second]].all()):
-            # Of a joint at rest nothing is told but that its column does not hold the other's torque.
+            # A joint at rest tells only whether its column holds the other joint's torque.
             yield Mistake("torques swapped", (first, second))
     for joint in joints:
         yield from (Mistake(kind, (joint,)) for kind in _TURNS)
@@ -150,25 +166,34 @@ def mistakes_among(
 
 
 def _of_whole_chains(moving: BoolArray, chains: Sequence[Sequence[int]]) -> Iterator[Mistake]:
-    """Yield exchanges of the columns of whole chains of joints, and columns in the order from the last joint on."""
+    """Yield exchanges of the columns of whole chains of joints, and columns counted from the last joint on."""
     n = len(moving)
-    alike = [(one, other) for one, other in combinations(chains, 2) if len(one) == len(other) > 1]
+    alike = [
+        (first_chain, second_chain)
+        for first_chain, second_chain in combinations(chains, 2)
+        if len(first_chain) == len(second_chain) > 1
+    ]
     exchanges: list[tuple[tuple[Sequence[int], Sequence[int]], ...]] = [(pair,) for pair in alike]
-    # Both of two pairs of legs, as where left is taken for right.
-    exchanges += [both for both in combinations(alike, 2) if len({id(one) for pair in both for one in pair}) == 4]
-    swaps = [[two for one, other in pairs for two in zip(one, other, strict=True)] for pairs in exchanges]
+    # Two pairs of legs at once, as where left is taken for right.
+    exchanges += [both for both in combinations(alike, 2) if len({id(chain) for pair in both for chain in pair}) == 4]
+    swaps = [
+        [joints for first_chain, second_chain in pairs for joints in zip(first_chain, second_chain, strict=True)]
+        for pairs in exchanges
+    ]
     kinds = [(swap, _SWAPS[:2]) for swap in swaps]
     kinds += [([(k, n - 1 - k) for k in range(n // 2)], _SWAPS)] if n > 3 else []
     for swap, possible in kinds:
         if all(moving[first] or moving[second] for first, second in swap):
-            yield from (Mistake(kind, tuple(joint for two in swap for joint in two)) for kind in possible)
+            yield from (Mistake(kind, tuple(joint for joints in swap for joint in joints)) for kind in possible)
 
 
 def _of_many_joints(moving: BoolArray) -> Iterator[Mistake]:
     """Yield signs of all joints, and sizes of the torques of all joints from one on, as of two makes of drives."""
     n = len(moving)
     if moving.sum() > 1:
-        # Both together are the same arm in a mirror, on the ceiling: gravity tells that.
+        # Positions and torques both turned round are a mirrored arm on the ceiling, which the direction of gravity
+        # tells.
+
         yield from (Mistake(kind, tuple(range(n))) for kind in _TURNS[:2])
     for first in range(1, n - 1):
         if moving[first:].sum() > 1:

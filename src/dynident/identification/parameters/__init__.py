@@ -1,1 +1,1 @@
-"""What the parameters of a model are: of which body, as standard parameters, and what is to be held of them."""
+"""Parameters of a model: the bodies that they belong to, standard parameters, and judgements of estimates."""

@@ -1,4 +1,4 @@
-"""Which of a model's columns are the ten inertial parameters of one body: of a link, or of what a link carries."""
+"""Find the columns of a model that are the ten inertial parameters of one body: of a link, or of what it carries."""
 
 from __future__ import annotations
 
@@ -25,15 +25,25 @@ class Body:
 
 
 def bodies_of(columns: Sequence[Column]) -> tuple[Body, ...]:
-    """The bodies among a model's columns; a link that is not there whole cannot be judged and is passed over."""
-    found: dict[tuple[Role, str, tuple[str, ...]], list[int]] = {}
+    """Return the bodies among a model's columns; a body that is not there whole cannot be judged and is left out.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+
+    Returns
+    -------
+    tuple of Body
+    """
+    groups: dict[tuple[Role, str, tuple[str, ...]], list[int]] = {}
     for k, column in enumerate(columns):
         role = role_of(column)
         if role in ("link", "load"):
-            found.setdefault((role, column.link, column.runs), []).append(k)
+            groups.setdefault((role, column.link, column.runs), []).append(k)
     return tuple(
         Body(link, link, np.array(members)) if role == "link" else Body(_carried(link, runs), "", np.array(members))
-        for (role, link, runs), members in found.items()
+        for (role, link, runs), members in groups.items()
+        # A body with fixed or missing parameters has no whole pseudo-inertia.
         if len(members) == len(INERTIAL_NAMES)
     )
 

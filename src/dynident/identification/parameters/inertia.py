@@ -1,4 +1,4 @@
-"""Is the inertia matrix of an identified model positive definite (§12.7)?"""
+"""Test whether the inertia matrix of an identified model is positive definite (§12.7)."""
 
 from __future__ import annotations
 
@@ -18,11 +18,25 @@ _POSTURES = 400
 def smallest_inertia_eigenvalue(
     model: Model, values: FloatArray, *, seed: int = 0, postures: FloatArray | None = None
 ) -> float:
-    """The smallest eigenvalue of A(q), scaled to a unit diagonal, over random postures within the joints' limits.
+    """Return the smallest eigenvalue of A(q), scaled to a unit diagonal, over random postures.
 
-    Scaled because a wrist's inertia is a thousandth of a shoulder's: the sign is what counts. Nothing above zero is
-    proof for postures in between; one below zero is proof that the model is not physical. `postures` (m, n): look at
-    these instead.
+    The postures are within the joints' limits. A value above zero is no proof for postures in between; one below zero
+    proves that the model is not physical.
+
+    Parameters
+    ----------
+    model : Model
+    values : (b,)
+        Base parameters.
+    seed : int
+        Of the random postures.
+    postures : (m, n), optional
+        Look at these instead.
+
+    Returns
+    -------
+    float
+        Not a number for a model without inertial parameters.
     """
     n = model.robot.n
     inertial = [k for k, c in enumerate(model.kept) if effect_by_id(c.effect).is_inertia]
@@ -37,21 +51,30 @@ def smallest_inertia_eigenvalue(
     entries = _of_random(observation, seed) if postures is None else _unit_accelerations(observation, postures)
     torque = observation.torque(entries, inertial_values)
     matrix = torque.reshape(n, -1, n).transpose(1, 2, 0)
+    # Column j of A(q) is the torque for a unit acceleration of joint j. The mean with the transpose removes rounding.
     matrix = 0.5 * (matrix + matrix.transpose(0, 2, 1))
     diagonal = np.diagonal(matrix, axis1=1, axis2=2)
     if np.any(diagonal <= 0):
         return float(diagonal.min())
+    # A wrist's inertia is a thousandth of a shoulder's. Scaled to a unit diagonal, an impossible wrist shows as well.
     scale = 1.0 / np.sqrt(diagonal)
     return float(np.linalg.eigvalsh(matrix * scale[:, :, None] * scale[:, None, :]).min())
 
 
 def random_postures(robot: Robot, count: int, seed: int) -> FloatArray:
-    """(count, n): postures drawn evenly from the joints' range."""
+    """Draw postures (count, n) evenly from the joints' range.
+
+    Parameters
+    ----------
+    robot : Robot
+    count : int
+    seed : int
+    """
     return np.asarray(np.random.default_rng(seed).uniform(*joint_range(robot), (count, robot.n)))
 
 
 def joint_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper ends (n,) of the joints' range: a full turn, or ± 1 m, where no limits are known."""
+    """Return the lower and upper ends (n,) of the joints' range: a full turn, or ± 1 m, where no limits are known."""
     ends = []
     for joint in robot.joints:
         turning = joint.kind == "revolute"
@@ -67,7 +90,7 @@ def _of_random(observation: Observation, seed: int) -> FloatArray:
 
 
 def _unit_accelerations(observation: Observation, q: FloatArray) -> FloatArray:
-    """Entries (n · postures, k) of W for a unit acceleration of each joint in turn, less those at rest."""
+    """Return entries (n · postures, k) of W for a unit acceleration of each joint in turn, less those at rest."""
     n = observation.robot.n
     accelerations = np.repeat(np.vstack([np.zeros(n), np.eye(n)]), len(q), axis=0)
     entries = observation.evaluate(

@@ -1,4 +1,4 @@
-"""Standard parameters of an identified model, and how sure they are: more than the data alone can say."""
+"""Standard parameters of an identified model with their uncertainty: more than the data alone determine."""
 
 from __future__ import annotations
 
@@ -22,9 +22,17 @@ class StandardParameters:
     standard_deviations: FloatArray
 
     def inertias(self, model: Model) -> FloatArray:
-        """(n, 10): inertial parameters of the links in the order of `INERTIAL_NAMES`; zero where a link is left out."""
-        found = np.zeros((model.robot.tree.n, 10))
+        """Return the inertial parameters (n, 10) of the links, in the order of `INERTIAL_NAMES`.
+
+        They are zero where a link is left out.
+
+        Parameters
+        ----------
+        model : Model
+            The one that the values belong to.
+        """
+        inertias = np.zeros((model.robot.tree.n, 10))
         for body in bodies_of(model.columns):
             if body.link:
-                found[model.robot.tree.joint_names.index(body.link)] = self.values[body.columns]
-        return found
+                inertias[model.robot.tree.joint_names.index(body.link)] = self.values[body.columns]
+        return inertias

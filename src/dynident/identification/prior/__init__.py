@@ -1,1 +1,1 @@
-"""What is believed of a model's parameters before any data."""
+"""Prior knowledge of a model's parameters, from the robot's description."""

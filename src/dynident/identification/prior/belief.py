@@ -1,4 +1,4 @@
-"""A normal belief about standard parameters, and what it says of base parameters."""
+"""A normal prior on standard parameters, and the prior on base parameters that follows from it."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _NULL = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """A belief about standard parameters: each is `mean` (c,) with the standard deviation `size` (c,).
+    """A normal prior on standard parameters: each has the `mean` (c,) and the standard deviation `size` (c,).
 
-    Where `stated` (c,) is false nothing is believed: mean and size are then only the order of magnitude. `spread`
-    (c, c): where it is given, errors of the stated parameters are its product with independent ones of size one, and
-    `size` is an order of magnitude there, too.
+    Where `stated` (c,) is false nothing is known: mean and size are then only the order of magnitude. `spread` (c, c),
+    where given: errors of the stated parameters are its product with independent ones of size one, and `size` is only
+    an order of magnitude there, too.
     """
 
     mean: FloatArray
@@ -31,7 +31,7 @@ class Belief:
 
 @dataclass(frozen=True, eq=False)
 class Parted:
-    """A belief in two independent parts: what it says of base parameters, and the rest.
+    """A prior in two independent parts: what it says of base parameters, and the rest.
 
     `base`: rows for the base parameters (b,). `rest` (k, c): rows for the standard parameters, counted from their mean
     and in units of their size, that say what the base parameters do not.
@@ -42,9 +42,20 @@ class Parted:
 
 
 def parted(model: Model, belief: Belief) -> Parted:
-    """The belief as rows for the base parameters, and rows for what the base parameters leave open."""
+    """Split a prior into rows for the base parameters, and rows for what the base parameters leave open.
+
+    Parameters
+    ----------
+    model : Model
+    belief : Belief
+
+    Returns
+    -------
+    Parted
+    """
     grouping, stated = model.base.grouping, belief.stated
-    # In units of the beliefs' sizes, and each base parameter in that of its own.
+    # Scale the standard parameters by their standard deviations and every base parameter by its own size, so that kg
+    # and kg m² compare.
     scaled = grouping * belief.size
     errors = np.eye(int(stated.sum()))
     if belief.spread is not None:
@@ -52,13 +63,16 @@ def parted(model: Model, belief: Belief) -> Parted:
     row_size = np.linalg.norm(np.where(model.base.written, scaled, 0.0), axis=1)
     scaled = scaled / row_size[:, None]
     unknown = np.where(model.base.written, scaled, 0.0)[:, ~stated]
+    # Only combinations of base parameters that hold no unknown standard parameter have a prior at all.
     untouched = null_space(unknown.T, size=1.0).T
-    seen = untouched @ scaled[:, stated] @ errors
-    left, singular, right = np.linalg.svd(seen, full_matrices=False)
+    mapped = untouched @ scaled[:, stated] @ errors
+    left_vectors, singular, right_vectors = np.linalg.svd(mapped, full_matrices=False)
     enough = singular > _NULL * max(float(singular.max(initial=0.0)), 1.0)
-    whiten = (left[:, enough] / singular[enough]).T @ untouched
+    # Whitened rows: each has an error of variance one, and the errors are independent.
+    whiten = (left_vectors[:, enough] / singular[enough]).T @ untouched
     factor = whiten / row_size
     base = Information(factor, factor @ (grouping @ np.where(stated, belief.mean, 0.0)))
     rest = np.zeros((len(errors), len(belief.mean)))
-    rest[:, stated] = (np.eye(len(errors)) - right[enough].T @ right[enough]) @ np.linalg.inv(errors)
+    # The complement of the directions that the base parameters take: independent of them, as the errors are whitened.
+    rest[:, stated] = (np.eye(len(errors)) - right_vectors[enough].T @ right_vectors[enough]) @ np.linalg.inv(errors)
     return Parted(base, rest)

@@ -1,13 +1,14 @@
-"""The entropic prior: how far bodies are from those of the description, whatever the frame they are written in.
+"""The entropic prior: a distance of bodies from those of the description that is the same in every frame.
 
 The distance of a body with the pseudo-inertia J from the description's with J₀ is the divergence
 
     d(J ‖ J₀) = tr(J₀⁻¹ J) - log det(J₀⁻¹ J) - 4
 
-(Wensing, Kim and Slotine 2018; Lee, Wensing and Park 2019): that of Kullback and Leibler between normal distributions
-with these second moments, doubled. It is convex, the same in every frame and every unit, and without bound where a body
-stops being possible. Near J₀ it is ½ tr((J₀⁻¹ dJ)²). With 2 / p² of it beside the squares of the weighted residuals
-the mass, and the second moment of the mass about any plane, are believed within the share p of themselves.
+(Wensing, Kim and Slotine 2018; Lee, Wensing and Park 2019). It is twice the Kullback-Leibler divergence between normal
+distributions with these second moments. It is convex, the same in every frame and every unit, and grows without bound
+where a body stops being possible. Near J₀ it is ½ tr((J₀⁻¹ dJ)²). Added to the squares of the weighted residuals with
+the factor 2 / p², it assigns the mass, and the second moment of the mass about any plane, a relative standard deviation
+of p.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from dynident.identification.prior.belief import Belief
 from dynident.regressors.model import Model
 from dynident.robot.pseudo_inertia import inertial_parameters, pseudo_inertia, smallest_pseudo_inertia
 
-# Smallest eigenvalue of a believed pseudo-inertia, of a unit diagonal: flatter bodies are at the edge of what can be.
+# Smallest eigenvalue of a pseudo-inertia, scaled to a unit diagonal, that has a distance: flatter bodies are at the
+# edge of what can exist.
 _FLAT = 1e-6
 
 
@@ -40,12 +42,13 @@ class EntropicPrior:
     share: float
 
     def value(self, values: FloatArray) -> float:
-        """The cost 2 / p² Σ d(J ‖ J₀) of standard parameters (c,): infinite for bodies that cannot be."""
+        """Return the cost 2 / p² Σ d(J ‖ J₀) of standard parameters (c,): infinite for bodies that cannot exist."""
         matrices = pseudo_inertia(values[self.columns])
         if not len(matrices):
             return 0.0
         try:
-            # What `belief_at` takes the root of: eigenvalues that are rounding errors may be above zero without one.
+            # The same factorisation as in `belief_at`. A test of eigenvalues could pass, by rounding, a matrix that has
+            # no Cholesky factor.
             np.linalg.cholesky(matrices)
         except np.linalg.LinAlgError:
             return float("inf")
@@ -54,7 +57,7 @@ class EntropicPrior:
         return float(2.0 / self.share**2 * divergence.sum())
 
     def belief_at(self, belief: Belief, values: FloatArray) -> Belief:
-        """The normal belief whose cost has the value's slope and curvature at standard parameters (c,) of real bodies.
+        """Return the normal prior whose cost has the slope and curvature of `value` at standard parameters (c,).
 
         Its mean is 2 J - J J₀⁻¹ J and its errors are p L Δ Lᵀ with J = L Lᵀ, the entries of the symmetric Δ being
         independent.
@@ -69,7 +72,15 @@ class EntropicPrior:
 
 
 def entropic_prior(model: Model, share: float, belief: Belief) -> EntropicPrior:
-    """The entropic prior of the links that a belief says something of; bodies are usually off by the share.
+    """Return the entropic prior of the links that a belief covers, whose bodies are usually off by the share.
+
+    Parameters
+    ----------
+    model : Model
+    share : float
+        p, the relative standard deviation.
+    belief : Belief
+        Its mean is the description.
 
     Raises
     ------
@@ -96,14 +107,14 @@ def _check(robot: str, names: Sequence[str], nominal: FloatArray) -> None:
 
 
 def _directions() -> FloatArray:
-    """(10, 4, 4): symmetric matrices that are orthonormal."""
-    made = []
+    """Return a basis (10, 4, 4) of the symmetric matrices, orthonormal in the Frobenius product."""
+    matrices = []
     for row in range(4):
         for column in range(row + 1):
-            one = np.zeros((4, 4))
-            one[row, column] = one[column, row] = 1.0 if row == column else np.sqrt(0.5)
-            made.append(one)
-    return np.array(made)
+            matrix = np.zeros((4, 4))
+            matrix[row, column] = matrix[column, row] = 1.0 if row == column else np.sqrt(0.5)
+            matrices.append(matrix)
+    return np.array(matrices)
 
 
 _DIRECTIONS = _directions()

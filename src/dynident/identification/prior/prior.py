@@ -1,4 +1,4 @@
-"""What is believed of a model's parameters before any data: the inertias of the robot's description."""
+"""The prior on a model's parameters: the inertias of the robot's description."""
 
 from __future__ import annotations
 
@@ -22,19 +22,29 @@ from dynident.robot.pseudo_inertia import smallest_pseudo_inertia
 from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
 
 _TITLE = "No prior"
+# Inertias of links within this share of one another are the same: placeholders.
 _ALIKE = 1e-6
-# How far below zero rounded drawings may bring a pseudo-inertia, of a unit diagonal.
+# How far below zero rounded drawings may bring an eigenvalue of a pseudo-inertia, scaled to a unit diagonal.
 _IMPOSSIBLE = 0.01
 
 
 def prior_of(model: Model, trust: Trust) -> Information | None:
-    """What a prior says of the base parameters; None where there is none.
+    """Return what a prior says of the base parameters; None where there is none.
 
-    Base parameters are sums of standard ones, β = G φ, so what is known of φ, with mean μ and covariance D, is known of
-    β with mean G μ and covariance G D Gᵀ. Of sums with something unknown in them (a rotor's inertia, friction, a free
-    link) nothing is known.
+    Base parameters are sums of standard ones, β = G φ. So where φ has the mean μ and the covariance D, β has the mean
+    G μ and the covariance G D Gᵀ. Of sums with something unknown in them (a rotor's inertia, friction, a free link)
+    nothing is known.
 
-    Of the entropic prior this is what it says near the description.
+    For the entropic prior this is its normal approximation at the description.
+
+    Parameters
+    ----------
+    model : Model
+    trust : Trust
+
+    Returns
+    -------
+    Information or None
 
     Raises
     ------
@@ -51,7 +61,19 @@ def prior_of(model: Model, trust: Trust) -> Information | None:
 
 
 def check_description(robot: Robot, free_links: Sequence[str]) -> None:
-    """Raise where a robot's description says nothing that could be believed of its links."""
+    """Raise where a robot's description gives no inertias of its links that a prior could use.
+
+    Parameters
+    ----------
+    robot : Robot
+    free_links : sequence of str
+        Joints whose links need none.
+
+    Raises
+    ------
+    DynidentError
+    """
+    # A prior that believes placeholders would do more harm than none, so each of these cases is refused.
     inertias = robot.inertias
     for index, name in enumerate(free_links):
         if name not in robot.joint_names:
@@ -99,7 +121,17 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
 
 
 def belief_of(model: Model, trust: Trust) -> Belief:
-    """What the description says of a model's standard parameters, whether it is chosen to be believed or not."""
+    """Return what the description says of a model's standard parameters, whether or not a prior is chosen.
+
+    Parameters
+    ----------
+    model : Model
+    trust : Trust
+
+    Returns
+    -------
+    Belief
+    """
     robot = model.robot.tree
     nominal = np.zeros((robot.n, 10)) if robot.inertias is None else robot.inertias
     errors, rotors = usual_errors(robot, trust.error), usual_rotor_inertias(robot)
@@ -112,6 +144,7 @@ def belief_of(model: Model, trust: Trust) -> Belief:
             mean[k], size[k] = nominal[link, parameter], errors[link, parameter]
             stated[k] = trust.prior is not None and column.link not in trust.free_links
         elif role == "rotor":
+            # Descriptions hardly ever state rotor inertias: only their order of magnitude is used, for scaling.
             size[k] = rotors[robot.joint_names.index(column.link)]
         elif role == "load":
             size[k] = errors[robot.joint_names.index(column.link), _payload_parameter(column)]
@@ -123,13 +156,13 @@ def _payload_parameter(column: Column) -> int:
 
 
 def with_prior_said(model: Model, data: Data, fit: Fit) -> Fit:
-    """The fit, with a warning that says what in it rests on the prior rather than on the data."""
+    """Return the fit with a warning that says what in it rests on the prior rather than on the data."""
     owed = owed_to_known(data.equations, fit.solution)
     names = [column.name for column, rests in zip(model.kept, owed, strict=True) if rests]
-    told = (
+    warning = (
         "The inertias of the description count as data here, each with the error that descriptions usually have: that "
         "is a belief, and so are the standard deviations that follow from it."
     )
     if names:
-        told += f" These parameters rest on it rather than on the motion: {', '.join(names)}."
-    return replace(fit, warnings=(told, *fit.warnings))
+        warning += f" These parameters rest on it rather than on the motion: {', '.join(names)}."
+    return replace(fit, warnings=(warning, *fit.warnings))

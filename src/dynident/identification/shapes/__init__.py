@@ -1,1 +1,1 @@
-"""Constants inside an effect's columns: searched, brought to the smallest error, and how sure they are."""
+"""Shape constants inside an effect's columns: search, refinement, and their uncertainty."""

@@ -1,4 +1,4 @@
-"""Columns for changes of shape constants: what the torque of an effect changes by where its shape is another."""
+"""Columns of the derivatives of torque by shape constants, for linearised estimates of these constants."""
 
 from __future__ import annotations
 
@@ -23,31 +23,36 @@ _FAR = 100.0
 
 @dataclass(frozen=True)
 class ShapePlace:
-    """A shape constant that may take any value: of which of a model's choices, and which one of it."""
+    """A shape constant that may take any value: the model's choice that it belongs to, and which constant of it."""
 
     choice: int
     spec: ShapeSpec
     search: Refinement
 
     def value(self, effects: Sequence[EffectChoice]) -> float:
-        """Its value in these choices."""
+        """Return the value in these choices."""
         return effects[self.choice].shape_values[self.spec.name]
 
     def change(self, steps: float) -> float:
-        """What `moved` adds so many steps on: to the constant, or to its logarithm."""
+        """Return the change that some steps of the search make: of the constant, or of its logarithm."""
         return self.search.step * steps * (np.log(2.0) if self.search.in_octaves else 1.0)
 
     def apart(self, low: float, high: float) -> float:
-        """The change from one value to another."""
+        """Return the change from one value to another."""
         return float(np.log(high / low)) if self.search.in_octaves else high - low
 
     def moved(self, value: float, change: float) -> float:
-        """The value after a change of it, or of its logarithm where it is searched for in equal ratios."""
+        """Return the value after a change of it, or of its logarithm where it is searched for in equal ratios."""
         return float(value * np.exp(np.clip(change, -_FAR, _FAR))) if self.search.in_octaves else value + change
 
 
 def shape_places(effects: Sequence[EffectChoice]) -> tuple[ShapePlace, ...]:
-    """The shape constants of choices that may take any value, those of one choice after another."""
+    """Return the shape constants of choices that may take any value, those of one choice after another.
+
+    Parameters
+    ----------
+    effects : sequence of EffectChoice
+    """
     return tuple(
         ShapePlace(number, spec, spec.refined)
         for number, choice in enumerate(effects)
@@ -59,22 +64,34 @@ def shape_places(effects: Sequence[EffectChoice]) -> tuple[ShapePlace, ...]:
 
 
 def changed_choice(choice: EffectChoice, name: str, value: float) -> EffectChoice:
-    """A choice with another value of one of its shape constants."""
+    """Return a choice with another value of one of its shape constants."""
     return replace(choice, shape=tuple(sorted({**choice.shape_values, name: value}.items())))
 
 
 def shape_columns(model: Model, values: FloatArray, places: Sequence[ShapePlace]) -> list[Column]:
-    """∂(W χ)/∂θ of every constant, one column each, at parameters χ (b,).
+    """Return ∂(W χ)/∂θ of every constant, one column each, at parameters χ (b,).
 
     Differences are taken of the expressions before they are filtered, so that what is sampled, filtered and left out
     is the same as for W.
+
+    Parameters
+    ----------
+    model : Model
+    values : (b,)
+        Base parameters χ.
+    places : sequence of ShapePlace
+        The constants θ.
     """
-    found = {column.key: float(value) for column, value in zip(model.kept, values, strict=True)}
-    return [_derivative(model.signals, model.effects[place.choice], place, found) for place in places]
+    amplitudes = {column.key: float(value) for column, value in zip(model.kept, values, strict=True)}
+    return [_derivative(model.signals, model.effects[place.choice], place, amplitudes) for place in places]
 
 
-def _derivative(signals: Signals, choice: EffectChoice, place: ShapePlace, found: Mapping[ColumnKey, float]) -> Column:
+def _derivative(
+    signals: Signals, choice: EffectChoice, place: ShapePlace, amplitudes: Mapping[ColumnKey, float]
+) -> Column:
+    """Return the central difference of an effect's torque by one of its shape constants, as a column."""
     value, tiny = choice.shape_values[place.spec.name], place.change(TINY)
+    # A central difference: the error of a one-sided one would be of the size of the step itself.
     either = [
         columns_of([changed_choice(choice, place.spec.name, place.moved(value, way * tiny))], signals)
         for way in (1.0, -1.0)
@@ -83,7 +100,7 @@ def _derivative(signals: Signals, choice: EffectChoice, place: ShapePlace, found
     torque = ca.SX(signals.robot.n, 1)
     for column, above, below in zip(here, *either, strict=True):
         # A column that dissolves in others has no parameter of its own.
-        amplitude = found.get(column.key, 0.0)
+        amplitude = amplitudes.get(column.key, 0.0)
         if amplitude != 0.0:
             torque += amplitude * (above.torque - below.torque) / (2.0 * tiny)
     return replace(

@@ -1,4 +1,4 @@
-"""How sure the shape constants of a model are: values and intervals, or in words why there is none."""
+"""Uncertainty of a model's shape constants: values and intervals, or a reason why there is none."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ from dynident.robot.model import Robot
 ShapeJudgement = Literal["determined", "uncertain", "not_determined", "at_edge", "elsewhere", "chosen", "not_looked_at"]
 
 _AT_END = 1e-3
+"""Share of the end of the range within which a value counts as being at that end."""
+
 _NO_BETTER = 0.7
 """Of the standard deviation of the range that is searched: the data tell no more of a constant than that range."""
 
@@ -48,12 +50,12 @@ class ShapeConstant:
     def __repr__(self) -> str:
         place = f" on {', '.join(self.joints)}" if self.joints else ""
         unit = "" if self.word or self.unit == "-" else f" {self.unit}"
-        told = f"{constant_in_words(self.effect, self.name, self.value)}{unit}"
-        return f"ShapeConstant({self.effect}{place}, {told}, {self.judgement})"
+        value = f"{constant_in_words(self.effect, self.name, self.value)}{unit}"
+        return f"ShapeConstant({self.effect}{place}, {value}, {self.judgement})"
 
     @property
     def word(self) -> str | None:
-        """What the value means, where the constant is a choice between kinds; None where it is a number."""
+        """Name of the kind that the value stands for; None where the constant is a number."""
         known = next((spec for spec in effect_by_id(self.effect).shapes if spec.name == self.name), None)
         return known.word(self.value) if known else None
 
@@ -63,18 +65,28 @@ _OF_A_LINE = 10
 
 
 def looked_at_shapes(model: Model, solution: Solution, kind: CovarianceName, shaped: Reduction) -> Linearised | None:
-    """The model's parameters and the changes of its shape constants together; None where there are none to look at.
+    """Linearise the joints' torques about the model's parameters and shape constants together.
 
     Parameters
     ----------
-    solution : the model's
-        Weighted by the noise of the joints' torques.
-    kind : what of the residuals is taken to be correlated
-    shaped : the joints' torques in the model's columns and, behind them, those of `shape_columns`
+    model : Model
+    solution : Solution
+        The model's, weighted by the noise of the joints' torques.
+    kind : str
+        Which residuals are taken to be correlated.
+    shaped : Reduction
+        The joints' torques in the model's columns and, behind them, those of `shape_columns`.
+
+    Returns
+    -------
+    Linearised or None
+        None where there are no constants to look at.
     """
     ranges = []
     for place in shape_places(model.effects):
         low, high = searched(place, model.effects[place.choice], model.robot)
+        # A constant that may be anywhere in its range has this standard deviation before any data: that of an even
+        # distribution.
         ranges.append(place.apart(low, high) / np.sqrt(12.0))
     try:
         return linearised(shaped, solution, np.array(ranges), kind) if ranges else None
@@ -82,14 +94,32 @@ def looked_at_shapes(model: Model, solution: Solution, kind: CovarianceName, sha
         return None
 
 
-def shape_constants(model: Model, found: Linearised | None) -> tuple[ShapeConstant, ...]:
-    """The shape constants of a model with what the joints' torques say of them, None where nobody looked."""
+def shape_constants(model: Model, linearisation: Linearised | None) -> tuple[ShapeConstant, ...]:
+    """Return the shape constants of a model, with what the joints' torques say of them.
+
+    Parameters
+    ----------
+    model : Model
+    linearisation : Linearised, optional
+        None where nobody looked.
+
+    Returns
+    -------
+    tuple of ShapeConstant
+    """
     looked: dict[tuple[int, str], ShapeConstant] = {}
-    if found is not None:
-        told = zip(shape_places(model.effects), found.steps, found.deviations, found.half_widths, strict=True)
-        seen = _choices_seen(model, found)
+    if linearisation is not None:
+        estimates = zip(
+            shape_places(model.effects),
+            linearisation.steps,
+            linearisation.deviations,
+            linearisation.half_widths,
+            strict=True,
+        )
+        significant = _choices_seen(model, linearisation)
         looked = {
-            (p.choice, p.spec.name): _judged(model, p, p.choice in seen, *map(float, numbers)) for p, *numbers in told
+            (p.choice, p.spec.name): _judged(model, p, p.choice in significant, *map(float, numbers))
+            for p, *numbers in estimates
         }
     return tuple(
         looked.get((number, spec.name)) or _unjudged(choice, spec, model.robot)
@@ -99,12 +129,14 @@ def shape_constants(model: Model, found: Linearised | None) -> tuple[ShapeConsta
     )
 
 
-def _choices_seen(model: Model, found: Linearised) -> set[int]:
-    """Numbers of the choices of which one parameter at least is told from zero."""
-    half = found.of_parameters.half_widths()
+def _choices_seen(model: Model, linearisation: Linearised) -> set[int]:
+    """Return the numbers of the choices with at least one parameter that differs from zero significantly."""
+    half = linearisation.of_parameters.half_widths()
     sure = {
         column.key
-        for column, value, width in zip(model.kept, found.solution.values[: found.n_own], half, strict=True)
+        for column, value, width in zip(
+            model.kept, linearisation.solution.values[: linearisation.n_own], half, strict=True
+        )
         if abs(value) > width
     }
     return {
@@ -125,46 +157,65 @@ def _constant(
 
 def _unjudged(choice: EffectChoice, spec: ShapeSpec, robot: Robot) -> ShapeConstant:
     if spec.is_refined(choice.shape_values[spec.name]):
-        told = "only recordings tell how sure it is: identify from these"
-        return _constant(choice, spec, robot, "not_looked_at", told)
-    told = "one of a few kinds that was chosen: there is nothing between them"
+        note = "only recordings tell how sure it is: identify from these"
+        return _constant(choice, spec, robot, "not_looked_at", note)
+    note = "one of a few kinds that was chosen: there is nothing between them"
     if spec.proposal == "burst":
-        told = "read off the residual: nothing tells how sure it is"
-    return _constant(choice, spec, robot, "chosen", told)
+        note = "read off the residual: nothing tells how sure it is"
+    return _constant(choice, spec, robot, "chosen", note)
 
 
-def _judged(model: Model, place: ShapePlace, seen: bool, step: float, deviation: float, half: float) -> ShapeConstant:
-    """What an interval says: step, deviation and half-width are of the constant, or of its logarithm (`ShapePlace`)."""
+def _judged(
+    model: Model, place: ShapePlace, significant: bool, step: float, deviation: float, half: float
+) -> ShapeConstant:
+    """Judge a constant by its interval; step, deviation and half-width are of it or of its logarithm (`ShapePlace`)."""
     choice, value, robot = model.effects[place.choice], place.value(model.effects), model.robot
     low, high = searched(place, choice, robot)
     data = place.moved(value, step)
 
-    def worded(judgement: ShapeJudgement, note: str) -> ShapeConstant:
+    def build_constant(judgement: ShapeJudgement, note: str) -> ShapeConstant:
         return _constant(choice, place.spec, robot, judgement, note)
 
-    if not seen:
-        return worded("not_determined", "the effect itself is not told from zero")
+    # The derivative by the constant is proportional to the effect's size, so without an effect its constant means
+    # nothing.
+    if not significant:
+        return build_constant("not_determined", "the effect itself is not told from zero")
     ends = place.moved(value, step - half), place.moved(value, step + half)
     open_ = deviation > _NO_BETTER * place.apart(low, high) / np.sqrt(12.0)
     if open_ or (ends[0] <= low and ends[1] >= high):
-        return worded("not_determined", f"the data leave it open from {low:.3g} to {high:.3g}, all that is searched")
+        return build_constant(
+            "not_determined", f"the data leave it open from {low:.3g} to {high:.3g}, all that is searched"
+        )
     if value <= low * (1 + _AT_END) and step <= half and not place.spec.signed:
-        return worded("at_edge", f"at the lower end of what is searched ({low:.3g}): it may as well be smaller")
+        return build_constant("at_edge", f"at the lower end of what is searched ({low:.3g}): it may as well be smaller")
     if value >= high * (1 - _AT_END) and step >= -half and not place.spec.signed:
-        return worded("at_edge", f"at the upper end of what is searched ({high:.3g}): it may as well be larger")
+        return build_constant("at_edge", f"at the upper end of what is searched ({high:.3g}): it may as well be larger")
+    # A linearisation only holds nearby. A step beyond the interval, and beyond a step of the search, means a new
+    # search.
     if abs(step) > max(half, place.change(1.0)):
         way = "larger" if step > 0 else "smaller"
-        return worded("elsewhere", f"the data would have it {way} by more than its uncertainty: search for it anew")
+        return build_constant(
+            "elsewhere", f"the data would have it {way} by more than its uncertainty: search for it anew"
+        )
     sure = deviation <= (DETERMINED if place.search.in_octaves else max(DETERMINED * abs(value), place.change(1.0)))
-    found = worded("determined" if sure else "uncertain", "")
+    constant = build_constant("determined" if sure else "uncertain", "")
     if abs(step) > half:
-        found = worded("elsewhere", f"the data would have it at {data:.4g}, which its interval is about")
+        constant = build_constant("elsewhere", f"the data would have it at {data:.4g}, which its interval is about")
     spread = deviation * (value if place.search.in_octaves else 1.0)
-    return replace(found, standard_deviation=spread, interval=ends)
+    return replace(constant, standard_deviation=spread, interval=ends)
 
 
 def searched(place: ShapePlace, choice: EffectChoice, robot: Robot) -> tuple[float, float]:
-    """The range that a constant is searched in: about its effect's grid, or about the value that a spectrum showed."""
+    """Return the range that a constant is searched in.
+
+    It lies about the effect's grid, or about the value that a spectrum showed.
+
+    Parameters
+    ----------
+    place : ShapePlace
+    choice : EffectChoice
+    robot : Robot
+    """
     around, wide = [choice.shape_values[place.spec.name]], _OF_A_LINE
     if place.spec.proposal == "grid":
         joint = joints_of(choice, robot)[0]

@@ -1,4 +1,4 @@
-"""Shape constants brought from near the smallest squared error to it, all of them together (Gauss and Newton)."""
+"""Move shape constants from near the smallest squared error to it, all of them together (Gauss and Newton)."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ from dynident.regressors.model import Model
 from dynident.regressors.stream import reduce_recordings
 
 _ROUNDS = 3
+"""Newton steps, at most; each is a pass over the data."""
 _LEVEL = 0.95
-"""Of the interval outside of which a natural value has to be for the data to speak against it."""
+"""Level of the interval that a natural value has to be outside of for the data to contradict it."""
 _WIDE = 3.0
 """Standard deviation of a constant, or its logarithm, without any data: that of most ranges that are searched."""
 _SETTLED = 0.02
-"""Share of a step of the search that a last round moves a constant by, at most."""
+"""Share of a step of the search: a round that moves no constant by more is the last."""
 
 
 def settled_shapes(
@@ -40,10 +41,21 @@ def settled_shapes(
     *,
     kept: Sequence[Collection[str]],
 ) -> tuple[EffectChoice, ...]:
-    """The choices with the shape constants of the smallest squared error near theirs.
+    """Return the choices with the shape constants of the smallest squared error near theirs.
 
-    What `kept` names stays, as do values at the lower end of what is searched, and natural ones that the data do not
-    speak against. No constant moves by more than a step of its search in a round, and none for the worse.
+    Constants that `kept` names stay, as do values at the lower end of the search, and natural ones that the data do not
+    contradict. No constant moves by more than a step of its search in a round, and none for the worse.
+
+    Parameters
+    ----------
+    model : Model
+    choices : sequence of EffectChoice
+        With values for all shape constants.
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+    reference : ReferenceParameters
+    kept : sequence of collections of str
+        Constants of every choice that stay as they are.
     """
     here, before, least = tuple(choices), tuple(choices), np.inf
     staying: set[tuple[int, str]] = set()
@@ -55,6 +67,7 @@ def settled_shapes(
             return here
         data = _Derivatives.of(model, here, places, recordings, preprocessing, reference, noise)
         noise = data.noise
+        # Natural values, such as an exponent of 2, are preferred: they only move where the data contradict them.
         if number == 0:
             against = data.spoken_against()
             free = [k for k, p in enumerate(places) if against[k] or p.value(here) not in p.spec.natural]
@@ -63,9 +76,11 @@ def settled_shapes(
             if not places:
                 return here
         error, changes = data.step()
+        # The last step made the error larger, so the one before it is the result.
         if error > least:
             return before
         before, least = here, error
+        # Further than one step of the search the linearisation does not hold.
         steps = [float(np.clip(change / p.change(1.0), -1, 1)) for p, change in zip(places, changes, strict=True)]
         for place, step in zip(places, steps, strict=True):
             here = _moved(here, place, step)
@@ -90,10 +105,10 @@ def _moved(choices: tuple[EffectChoice, ...], place: ShapePlace, step: float) ->
 
 @dataclass(frozen=True, eq=False)
 class _Derivatives:
-    """Rows of [model | choices | the choices with a constant a little larger, then smaller | Y], and their noise (n,).
+    """Rows of [model | choices | choices with a constant a little larger, then smaller | Y], and their noise (n,).
 
     `n_columns` are those of the model and the choices; `pairs` (k) the numbers of three columns each, here, above and
-    below, for every constant, and `widths` (k,) how far above and below are apart.
+    below, for every constant, and `widths` (k,) the distance from below to above.
     """
 
     reduction: Reduction
@@ -116,9 +131,9 @@ class _Derivatives:
         columns: list[Column] = list(model.kept)
         numbers: list[range] = []
         for choice in choices:
-            made = columns_of([choice], model.signals)
-            numbers.append(range(len(columns), len(columns) + len(made)))
-            columns += made
+            added = columns_of([choice], model.signals)
+            numbers.append(range(len(columns), len(columns) + len(added)))
+            columns += added
         n_columns = len(columns)
         pairs = []
         for place in places:
@@ -138,15 +153,18 @@ class _Derivatives:
         return cls(reduction, noise, n_columns, pairs, [2.0 * place.change(TINY) for place in places])
 
     def only(self, numbers: Sequence[int]) -> _Derivatives:
-        """The same of some of the constants."""
+        """Return the same for some of the constants."""
         return replace(self, pairs=[self.pairs[k] for k in numbers], widths=[self.widths[k] for k in numbers])
 
     def spoken_against(self) -> BoolArray:
-        """(k,): constants whose value is outside of what the data say of them, as far as the data tell all columns."""
+        """Tell which constants (k,) have a value outside of the interval that the data give.
+
+        None where the data do not determine all columns.
+        """
         none = np.zeros(len(self.pairs), dtype=bool)
         try:
             solution = solve(self.reduction.select(list(range(self.n_columns))), self.noise)
-            found = linearised(
+            linearisation = linearised(
                 self.reduction.combined(self._with_slopes(solution.values)),
                 solution,
                 np.full(len(none), _WIDE),
@@ -154,10 +172,10 @@ class _Derivatives:
             )
         except EstimationError:
             return none
-        return np.asarray(np.abs(found.steps) > found.statistics.half_widths(_LEVEL)[self.n_columns :])
+        return np.asarray(np.abs(linearisation.steps) > linearisation.statistics.half_widths(_LEVEL)[self.n_columns :])
 
     def _with_slopes(self, values: FloatArray) -> FloatArray:
-        """(c, n_columns + k): what the columns and the derivatives by the constants are made of."""
+        """Return the columns, and the derivatives by the constants, as combinations (c, n_columns + k)."""
         whole = np.zeros((self.reduction.n_columns, self.n_columns + len(self.pairs)))
         whole[: self.n_columns, : self.n_columns] = np.eye(self.n_columns)
         for number, (own, width) in enumerate(zip(self.pairs, self.widths, strict=True)):
@@ -167,9 +185,11 @@ class _Derivatives:
         return whole
 
     def step(self) -> tuple[float, FloatArray]:
-        """The squared error here, and the changes (k,) of the constants that would make it smallest."""
+        """Return the squared error here, and the changes (k,) of the constants that would make it smallest."""
         factor = weighted_factor(self.reduction, self.noise)
         columns, y = factor[:, :-1], factor[:, -1]
+        # First the linear parameters alone: the derivatives by the constants are theirs times the slopes of the
+        # columns.
         values, error = _solved(columns[:, : self.n_columns], y)
         together, _ = _solved(columns @ self._with_slopes(values), y)
         return error, together[self.n_columns :]
@@ -181,9 +201,9 @@ def _values(reduction: Reduction, noise: FloatArray) -> FloatArray:
 
 
 def _solved(w: FloatArray, y: FloatArray) -> tuple[FloatArray, float]:
-    """Least squares of columns that may depend on one another, and the squared error that is left."""
+    """Return the least-squares solution for columns that may depend on one another, and its squared error."""
     sizes = np.linalg.norm(w, axis=0)
     scaled = w / np.where(sizes > 0, sizes, 1.0)
-    found = np.linalg.lstsq(scaled, y, rcond=1e-10)[0]
-    rest = y - scaled @ found
-    return found / np.where(sizes > 0, sizes, 1.0), float(rest @ rest)
+    scaled_values = np.linalg.lstsq(scaled, y, rcond=1e-10)[0]
+    rest = y - scaled @ scaled_values
+    return scaled_values / np.where(sizes > 0, sizes, 1.0), float(rest @ rest)

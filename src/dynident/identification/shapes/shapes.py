@@ -1,4 +1,4 @@
-"""Shape constants inside an effect's columns: searched on the effect's grid, then finer (variable projection)."""
+"""Search of shape constants inside an effect's columns: on the effect's grid, then finer (variable projection)."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from dynident.regressors.model import Model
 from dynident.regressors.rows import KeptRows, reduce_with_more
 from dynident.robot.model import Robot
 
-# Share of the squared error that a natural value may cost: what noise alone would give a free one, three times over.
+# Share of the squared error that a natural value may cost: three times what a free constant gains from noise alone.
 _AS_GOOD = 0.002
 _DEPENDENT = 1e-10
-"""Share of a column below which what is left of it beside others is rounding."""
+"""Share of a column below which its part that is independent of the others is rounding."""
 
 DOWN, UP = 6, 8
 """Steps around a coarse value, down and up."""
@@ -35,13 +35,24 @@ _BETWEEN, _BETWEEN_OF_SEVERAL = (-4, -3, -2, -1, 0, 1, 2, 3, 4), (-4, -2, 0, 2, 
 
 
 def lacks_shape(choice: EffectChoice) -> bool:
-    """Whether a choice leaves shape constants open that are to be found from the data."""
+    """Tell whether a choice leaves shape constants open that are to be found from the data."""
     effect = effect_by_id(choice.effect)
     return any(spec.name not in choice.shape_values and spec.proposal == "grid" for spec in effect.shapes)
 
 
 def check_choices(choices: Sequence[EffectChoice], robot: Robot) -> None:
-    """Raise `DynidentError`, which names the field, where an effect cannot sit there or lacks a shape constant."""
+    """Raise where an effect cannot act on its joints or lacks a shape constant.
+
+    Parameters
+    ----------
+    choices : sequence of EffectChoice
+    robot : Robot
+
+    Raises
+    ------
+    DynidentError
+        Names the field.
+    """
     for index, choice in enumerate(choices):
         pointer = f"/effects/{index}"
         check_shape(choice, pointer)
@@ -50,7 +61,11 @@ def check_choices(choices: Sequence[EffectChoice], robot: Robot) -> None:
 
 
 def check_shapes_given(choices: Sequence[EffectChoice]) -> None:
-    """Raise where a choice leaves a shape constant open that no grid of ours can find.
+    """Raise where a choice leaves a shape constant open that is not searched on a grid.
+
+    Parameters
+    ----------
+    choices : sequence of EffectChoice
 
     Raises
     ------
@@ -78,13 +93,30 @@ def complete_shapes(
 ) -> tuple[EffectChoice, ...]:
     """Find the shape constants that were left open, on the grid and then between its points; keep those given.
 
-    `known`: rows of the recordings, of the model.
+    Parameters
+    ----------
+    model : Model
+        That the effects are added to.
+    added : sequence of EffectChoice
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+    reference : ReferenceParameters
+        What torque is predicted with.
+    progress : Progress
+    known : KeptRows, optional
+        Rows of the model on these recordings.
+
+    Returns
+    -------
+    tuple of EffectChoice
+        With values for all constants; a choice that left some open becomes one for each joint.
     """
     if not any(lacks_shape(choice) for choice in added):
         return tuple(added)
-    given = tuple(choice for choice in added if not lacks_shape(choice))
+    with_shape = tuple(choice for choice in added if not lacks_shape(choice))
+    # Joints differ in their shape constants, so that one value for all would fit none of them.
     still_open = one_joint_each([choice for choice in added if lacks_shape(choice)], model.robot)
-    everything = (*given, *still_open)
+    everything = (*with_shape, *still_open)
     coarse = find_shapes(model, everything, recordings, preprocessing, reference, part(progress, 0.0, 0.5), known)
     return refine_shapes(
         model,
@@ -99,7 +131,7 @@ def complete_shapes(
 
 
 def one_joint_each(choices: Sequence[EffectChoice], robot: Robot) -> tuple[EffectChoice, ...]:
-    """Split choices that leave their shape open into one a joint, so that every joint finds its own."""
+    """Split choices that leave their shape open into one for each joint, so that every joint finds its own."""
     split: list[EffectChoice] = []
     for choice in choices:
         if lacks_shape(choice) and effect_by_id(choice.effect).scope == "joint":
@@ -121,6 +153,17 @@ def find_shapes(
     """Complete choices by the shape constants with the smallest squared error beside a model.
 
     Where a choice gives its shape, it is kept. The others are taken from the effect's grid, one after another.
+
+    Parameters
+    ----------
+    model : Model
+    added : sequence of EffectChoice
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+    reference : ReferenceParameters
+    progress : Progress
+    known : KeptRows, optional
+        Rows of the model on these recordings.
     """
     options = [_options(choice, model.robot) for choice in added]
     table = _tabulate(model, options, recordings, preprocessing, reference, progress, known)
@@ -140,13 +183,25 @@ def refine_shapes(
 ) -> tuple[EffectChoice, ...]:
     """Search around shape constants that came from a coarse grid, one constant of every effect after another.
 
-    What is found is then settled, all constants together: the vertex of a parabola through wide steps is close to the
-    smallest error, no more.
+    The vertex of a parabola through wide steps is only close to the smallest error. So all constants are then settled
+    together by Newton steps.
 
     Constants that are one of a few kinds, an exponent, a law, are chosen anew with the first: a coarse grid may have
     picked one for want of a value between.
 
-    `kept` names the constants of every choice that stay as they are; none where it is empty.
+    Parameters
+    ----------
+    model : Model
+    added : sequence of EffectChoice
+        With values for all constants.
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+    reference : ReferenceParameters
+    progress : Progress
+    kept : sequence of collections of str
+        Names of the constants of every choice that stay as they are; none where it is empty.
+    known : KeptRows, optional
+        Rows of the model on these recordings.
     """
     refined = tuple(added)
     fixed = kept or [()] * len(refined)
@@ -162,31 +217,39 @@ def refine_shapes(
         options = [[choice for line in of_choice for choice in line] for of_choice in lines]
         here = part(progress, number / rounds, (number + 1) / rounds)
         picked, errors = _tabulate(model, options, recordings, preprocessing, reference, here, known).search()
-        refined = tuple(_vertex(*found) for found in zip(lines, picked, errors, specs, strict=True))
+        refined = tuple(_vertex(*arguments) for arguments in zip(lines, picked, errors, specs, strict=True))
     return settled_shapes(model, refined, recordings, preprocessing, reference, kept=fixed)
 
 
 def between(choice: EffectChoice) -> list[EffectChoice]:
-    """A choice, and the same with shape constants between those of the coarse grid, all of them together.
+    """Return a choice, and the same with shape constants between those of the coarse grid, all of them together.
 
     The choice alone where its effect has no constants that are searched for.
+
+    Parameters
+    ----------
+    choice : EffectChoice
     """
     specs = _refinable(choice, ())
     steps = _BETWEEN if len(specs) < 2 else _BETWEEN_OF_SEVERAL
-    found = [choice]
+    variants = [choice]
     for spec in specs:
         value = choice.shape_values[spec.name]
         moved = [_moved(spec, value, step) for step in steps]
         least = -np.inf if spec.signed else min(spec.least, value)
         allowed = [item for item in moved if spec.admits(item) and item >= least]
-        found = [_with(one, spec.name, item) for one in found for item in allowed]
-    return [choice, *(one for one in found if one != choice)]
+        variants = [_with(variant, spec.name, item) for variant in variants for item in allowed]
+    return [choice, *(variant for variant in variants if variant != choice)]
 
 
 def nearly_alike(one: EffectChoice, other: EffectChoice) -> bool:
-    """Whether two choices are the same effect on joints of their own, with constants that are nearly the same.
+    """Tell whether two choices are the same effect on joints of their own, with constants that are nearly the same.
 
-    Those that are refined are within two steps of their refinement, the others the same.
+    Constants that are refined have to be within two steps of their refinement, the others equal.
+
+    Parameters
+    ----------
+    one, other : EffectChoice
     """
     if (one.effect, one.runs) != (other.effect, other.runs) or not one.joints or not other.joints:
         return False
@@ -210,24 +273,25 @@ def _options(choice: EffectChoice, robot: Robot) -> list[EffectChoice]:
     if not lacks_shape(choice):
         return [choice]
     joint = joints_of(choice, robot)[0]
-    given = choice.shape_values
+    stated = choice.shape_values
     return [
-        replace(choice, shape=_key({**shape, **given})) for shape in effect_by_id(choice.effect).grid(robot.tree, joint)
+        replace(choice, shape=_key({**shape, **stated}))
+        for shape in effect_by_id(choice.effect).grid(robot.tree, joint)
     ]
 
 
-def _refinable(choice: EffectChoice, kept: Collection[str]) -> list[ShapeSpec]:
-    """The shape constants of a choice that are refined."""
+def _refinable(choice: EffectChoice, fixed: Collection[str]) -> list[ShapeSpec]:
+    """Return the shape constants of a choice that are refined."""
     specs = effect_by_id(choice.effect).shapes
     present = choice.shape_values
-    open_ = [spec for spec in specs if spec.name in present and spec.name not in kept]
+    open_ = [spec for spec in specs if spec.name in present and spec.name not in fixed]
     return [spec for spec in open_ if spec.is_refined(present[spec.name])]
 
 
-def _kinds(choice: EffectChoice, kept: Collection[str], robot: Robot) -> list[EffectChoice]:
-    """The choice with every value that its effect's grid has for constants that are not refined."""
+def _kinds(choice: EffectChoice, fixed: Collection[str], robot: Robot) -> list[EffectChoice]:
+    """Return the choice with every value that its effect's grid has for constants that are not refined."""
     effect = effect_by_id(choice.effect)
-    open_ = [spec.name for spec in effect.shapes if spec.refined is None and spec.name not in kept]
+    open_ = [spec.name for spec in effect.shapes if spec.refined is None and spec.name not in fixed]
     present = [name for name in open_ if name in choice.shape_values]
     if not present or any(spec.proposal != "grid" for spec in effect.shapes):
         return [choice]
@@ -238,7 +302,7 @@ def _kinds(choice: EffectChoice, kept: Collection[str], robot: Robot) -> list[Ef
 
 
 def _finer(choice: EffectChoice, spec: ShapeSpec | None) -> list[EffectChoice]:
-    """Neighbours of a choice in even steps of one of its shape constants; the choice alone where there is none."""
+    """Return neighbours of a choice in even steps of one of its shape constants; the choice alone without a spec."""
     if spec is None:
         return [choice]
     value = choice.shape_values[spec.name]
@@ -271,28 +335,32 @@ class _Table:
     numbers: list[list[list[int]]]
 
     def errors(self, k: int, others: Sequence[int]) -> FloatArray:
-        """Squared error of every option of choice k beside the model and the columns `others`."""
+        """Return the squared error of every option of choice k beside the model and the columns `others`."""
         options = self.numbers[k]
         free = [column for option in options for column in option]
-        left = _left_beside(self.factor[:, [*range(self.n_base), *others]], self.factor[:, [*free, -1]])
+        # Variable projection: with the linear parameters eliminated, only what the model cannot explain of Y and of
+        # the options counts. The triangular factor has all that in a few hundred rows.
+        remainder = _left_beside(self.factor[:, [*range(self.n_base), *others]], self.factor[:, [*free, -1]])
         ends = np.cumsum([len(option) for option in options])
-        own = (left[:, end - len(option) : end] for option, end in zip(options, ends, strict=True))
-        return np.array([_squared_error(columns, left[:, -1]) for columns in own])
+        own = (remainder[:, end - len(option) : end] for option, end in zip(options, ends, strict=True))
+        return np.array([_squared_error(columns, remainder[:, -1]) for columns in own])
 
     def search(self) -> tuple[list[int], list[FloatArray]]:
-        """The best option of every choice, one after another, twice; and the errors it was picked from."""
+        """Return the best option of every choice, and the errors of all options that it was picked from."""
         chosen: list[int] = []
-        found: list[FloatArray] = []
+        errors: list[FloatArray] = []
         for k in range(len(self.numbers)):
-            found.append(self.errors(k, self._columns(chosen, range(k))))
-            chosen.append(int(np.argmin(found[k])))
+            errors.append(self.errors(k, self._columns(chosen, range(k))))
+            chosen.append(int(np.argmin(errors[k])))
+        # The first pass chose each option without those that came after it. Two more rounds let them agree with each
+        # other.
         for _ in range(2):
             for k, group in enumerate(self.numbers):
                 if len(group) > 1:
                     others = [i for i in range(len(self.numbers)) if i != k]
-                    found[k] = self.errors(k, self._columns(chosen, others))
-                    chosen[k] = int(np.argmin(found[k]))
-        return chosen, found
+                    errors[k] = self.errors(k, self._columns(chosen, others))
+                    chosen[k] = int(np.argmin(errors[k]))
+        return chosen, errors
 
     def _columns(self, chosen: Sequence[int], which: Iterable[int]) -> list[int]:
         return [column for i in which for column in self.numbers[i][chosen[i]]]
@@ -307,18 +375,20 @@ def _tabulate(
     progress: Progress,
     known: KeptRows | None,
 ) -> _Table:
+    """Evaluate the columns of all options in one pass over the recordings."""
     signals: Signals = model.signals
     columns: list[Column] = list(model.kept)
     numbers: list[list[list[int]]] = []
     for choices in options:
         numbers.append([])
         for choice in choices:
-            made = columns_of([choice], signals)
-            numbers[-1].append(list(range(len(columns), len(columns) + len(made))))
-            columns += made
+            added = columns_of([choice], signals)
+            numbers[-1].append(list(range(len(columns), len(columns) + len(added))))
+            columns += added
     more = columns[model.n_parameters :]
     reduction = reduce_with_more(model, more, recordings, preprocessing, reference, progress, known)
     alone = reduction.select(list(range(model.n_parameters)))
+    # The noise is that of the model without the options, so that all options are compared with the same weights.
     factor = weighted_factor(reduction, noise_levels(alone, ordinary(alone).values))
     return _Table(factor, model.n_parameters, numbers)
 
@@ -326,7 +396,7 @@ def _tabulate(
 def _vertex(
     lines: Sequence[Sequence[EffectChoice]], picked: int, errors: FloatArray, spec: ShapeSpec | None
 ) -> EffectChoice:
-    """The choice at the minimum of the parabola through the best step and its neighbours, among those of its kind."""
+    """Return the choice at the minimum of the parabola through the best step and its neighbours, for the best kind."""
     # Every kind has the same steps.
     kind, picked = divmod(picked, len(lines[0]))
     group, errors = lines[kind], errors.reshape(len(lines), -1)[kind]
@@ -334,6 +404,7 @@ def _vertex(
     if spec is None or not 0 < picked < len(group) - 1:
         return choice
     before, here, after = errors[picked - 1 : picked + 2]
+    # The vertex of the parabola through three equally spaced points.
     curvature = before - 2 * here + after
     shift = float(0.5 * (before - after) / curvature) if curvature > 0 else 0.0
     natural = [k for k, other in enumerate(group) if other.shape_values[spec.name] in spec.natural]
@@ -343,20 +414,24 @@ def _vertex(
 
 
 def _left_beside(base: FloatArray, columns: FloatArray) -> FloatArray:
-    """(r, c): what of columns (r, c), all but the last taken as of size one, is no combination of a model's (r, b)."""
-    said, sizes, _ = np.linalg.svd(_of_size_one(base), full_matrices=False)
-    said = said[:, sizes > _DEPENDENT * sizes[0]]
-    left = np.column_stack([_of_size_one(columns[:, :-1]), columns[:, -1]])
-    # Twice: the first time leaves rounding along the model.
+    """Return the part of columns (r, c) that is orthogonal to a model's columns (r, b).
+
+    All but the last column are scaled to the size one.
+    """
+    basis, sizes, _ = np.linalg.svd(_of_size_one(base), full_matrices=False)
+    basis = basis[:, sizes > _DEPENDENT * sizes[0]]
+    remainder = np.column_stack([_of_size_one(columns[:, :-1]), columns[:, -1]])
+    # Orthogonalise twice: the first pass leaves rounding errors along the model.
     for _ in range(2):
-        left = left - said @ (said.T @ left)
-    nothing = np.linalg.norm(left[:, :-1], axis=0) < _DEPENDENT
-    left[:, :-1][:, nothing] = 0.0
-    return np.asarray(left)
+        remainder = remainder - basis @ (basis.T @ remainder)
+    # A column that the model contains is rounding now, and must not be scaled up to explain the torque.
+    nothing = np.linalg.norm(remainder[:, :-1], axis=0) < _DEPENDENT
+    remainder[:, :-1][:, nothing] = 0.0
+    return np.asarray(remainder)
 
 
 def _squared_error(w: FloatArray, y: FloatArray) -> float:
-    """Squared error of the least-squares solution on columns (r, k), which may depend on one another."""
+    """Return the squared error of the least-squares solution on columns (r, k), which may depend on one another."""
     rest = y - w @ np.linalg.lstsq(w, y, rcond=_DEPENDENT)[0]
     return float(rest @ rest)
 

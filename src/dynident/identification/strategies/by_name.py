@@ -1,4 +1,4 @@
-"""The chosen strategy at work."""
+"""Solve a problem by the chosen strategy and estimator, and add what the user has to know about the result."""
 
 from __future__ import annotations
 
@@ -15,27 +15,38 @@ from dynident.identification.problem import Problem
 def fit(choices: IdentificationChoices, problem: Problem) -> Fit:
     """Solve by the chosen strategy with the chosen estimator.
 
+    Parameters
+    ----------
+    choices : IdentificationChoices
+    problem : Problem
+
+    Returns
+    -------
+    Fit
+
     Raises
     ------
     DynidentError
         Where the choices do not fit each other, or the data do not allow them.
     """
     _check_together(choices, problem)
-    found = choices.plan.solve(choices, problem)
-    # What several steps found is what every one of them says; all of it moved at once would be that no more.
+    fitted = choices.plan.solve(choices, problem)
+    # Results of several steps are left alone: moved to bodies that can exist, they would no longer agree with the
+    # equations of every step.
     if choices.solver.possible_where_free and choices.plan.at_once:
-        found = move_where_free(problem.model, problem.data.equations, found, choices.trust)
+        fitted = move_where_free(problem.model, problem.data.equations, fitted, choices.trust)
     if choices.prior is not None:
-        found = with_prior_said(problem.model, problem.data, found)
+        fitted = with_prior_said(problem.model, problem.data, fitted)
     friction = problem.data.friction
     if not friction or choices.plan.friction_runs:
-        return found
+        return fitted
     names = ", ".join(recording.name for recording in friction)
     unused = f"Not used: {names}. Tests of friction (role friction) serve the strategy separate_friction alone."
-    return replace(found, warnings=(*found.warnings, unused))
+    return replace(fitted, warnings=(*fitted.warnings, unused))
 
 
 def _check_together(choices: IdentificationChoices, problem: Problem) -> None:
+    """Raise where the prior or the estimator does not go with the strategy, the model or the data."""
     if choices.prior is not None and not choices.plan.at_once:
         raise DynidentError(
             f"the prior speaks of sums of parameters that the {choices.strategy} strategy finds one after the other; "

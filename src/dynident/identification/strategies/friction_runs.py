@@ -1,8 +1,9 @@
-"""Rows from which a joint's friction is told by itself: it alone moves, at nearly constant velocity.
+"""Rows that show the friction of a joint by itself: it alone moves, at nearly constant velocity.
 
-Whatever the rest of the robot is, the torque of a joint that alone moves is its friction, a gravity torque of the form
-a + b cos q + c sin q (a constant on a sliding joint) and an inertia times its acceleration. These four are taken out of
-the rows rather than predicted, anew for every posture of the other joints: no inertial parameter has to be known.
+Whatever the rest of the robot is, the torque of a joint that alone moves is the sum of its friction, a gravity torque
+of the form a + b cos q + c sin q (a constant on a sliding joint) and an inertia times its acceleration. These four
+terms are projected out of the rows rather than predicted, anew for every posture of the other joints. So no inertial
+parameter has to be known.
 """
 
 from __future__ import annotations
@@ -20,10 +21,11 @@ from dynident.recordings.constant_velocity import sole_mover
 from dynident.regressors.model import Model
 from dynident.regressors.stream import SampleFunction
 
-# Pieces that correlation is measured between, s; shorter ones than the second are left out.
+# Seconds: the longest piece, which is a block of the covariance, and the shortest one that is used.
 _PIECE, _SHORTEST = 1.0, 0.1
-# Other joints within so much of each other (rad, m) stand in the same posture.
+# The other joints stand in the same posture where they differ by no more than this (rad, m).
 _SAME_POSTURE = 0.02
+# Share of the largest singular value below which a direction of the four gravity and inertia columns is rounding.
 _RANK = 1e-6
 
 
@@ -50,7 +52,7 @@ class FrictionRuns:
 
 @dataclass
 class _Collector:
-    """The pieces of one recording, from stretches of rows as they come."""
+    """Collect the pieces of one recording, from rows as they arrive."""
 
     number: int
     longest: int
@@ -63,10 +65,11 @@ class _Collector:
     pieces: list[Piece] = field(default_factory=list)
 
     def push(self, joint: int, q: FloatArray, velocity: FloatArray, rows: FloatArray) -> None:
-        """Take rows of one stroke that follow those before, or begin a new one after `close`."""
+        """Add rows of one stroke that follow those before, or begin a new piece after `close`."""
         while len(rows):
             if not self.length:
                 self.joint, self.posture = joint, np.delete(q[0], joint)
+            # A stroke that is longer than a piece is cut: a new piece begins where the last one is full.
             room = self.longest - self.length
             self.open.append(rows[:room])
             self.velocities.append(velocity[:room])
@@ -84,7 +87,13 @@ class _Collector:
 
 
 def friction_columns(model: Model, joint: int) -> list[int]:
-    """Numbers of the parameters that are this joint's friction."""
+    """Return the numbers of the parameters that are this joint's friction.
+
+    Parameters
+    ----------
+    model : Model
+    joint : int
+    """
     name = model.robot.joint_names[joint]
     return [k for k, c in enumerate(model.kept) if c.link == name and effect_by_id(c.effect).is_friction]
 
@@ -96,11 +105,17 @@ def friction_runs(
 
     Parameters
     ----------
+    model : Model
+    recordings : sequence of Recording
     preprocessing : Preprocessing, optional
         Its position filter is used; each recording's own choice where none is given. Torque is not filtered: the
         regression averages it.
     reference : ReferenceParameters
         What loads are predicted with.
+
+    Returns
+    -------
+    FrictionRuns
     """
     pieces: list[Piece] = []
     for number, recording in enumerate(recordings):
@@ -119,6 +134,7 @@ def friction_runs(
 def _pieces(
     model: Model, recording: Recording, number: int, preprocessing: Preprocessing, reference: ReferenceParameters
 ) -> list[Piece]:
+    """Return the pieces of one recording in which a single joint moves in one direction."""
     entries_of = SampleFunction(model.observation, reference, recording)
     layouts = [_layout(model, joint) for joint in range(model.robot.n)]
     longest, shortest = (max(2, round(seconds * recording.sampling_rate)) for seconds in (_PIECE, _SHORTEST))
@@ -126,8 +142,10 @@ def _pieces(
     before = (-1, 0.0)
     for block in filtered_blocks(recording, preprocessing):
         entries = entries_of(block)
+        # Samples at which several joints move, or none does, belong to no piece.
         movers = np.where(block.used, sole_mover(block.dq, block.ddq), -1)
         signs = np.sign(block.dq[np.arange(len(movers)), movers])
+        # A stroke ends where another joint moves or the direction changes, as Coulomb friction jumps there.
         borders = np.flatnonzero((np.diff(movers) != 0) | (np.diff(signs) != 0)) + 1
         for part in np.split(np.arange(len(movers)), borders):
             joint, now = int(movers[part[0]]), (int(movers[part[0]]), float(signs[part[0]]))
@@ -142,7 +160,7 @@ def _pieces(
 
 
 def _rows(model: Model, joint: int, block: SampleBlock, friction: FloatArray) -> FloatArray:
-    """(m, 4 + k + 1): 1, cos q, sin q, q̈ | friction | torque."""
+    """Return rows (m, 4 + k + 1): 1, cos q, sin q, q̈ | friction | torque."""
     q = block.q[:, joint]
     revolute = model.robot.joints[joint].kind == "revolute"
     waves = [np.cos(q), np.sin(q)] if revolute else [np.zeros(len(q))] * 2
@@ -150,22 +168,25 @@ def _rows(model: Model, joint: int, block: SampleBlock, friction: FloatArray) ->
 
 
 def _layout(model: Model, joint: int) -> list[int]:
-    """Where the joint's friction stands among the entries of its row."""
+    """Return the places of the joint's friction among the entries of its row."""
     positions, columns = model.observation.joint_entries(joint)
     where = dict(zip(columns.tolist(), positions.tolist(), strict=True))
     return [where[k] for k in friction_columns(model, joint)]
 
 
 def _equation(columns: list[int], pieces: Sequence[Piece]) -> EquationFactors:
-    """Friction and torque of one joint's pieces, what gravity and inertia explain taken out of both."""
+    """Return the factors of friction and torque of one joint's pieces, without what gravity and inertia explain."""
     size = len(columns) + 1
     numbers = np.array(columns, dtype=np.intp)
     cleared: list[FloatArray] = []
     for group in _by_posture(pieces):
         rows = np.vstack([piece.rows for piece in group])
         nuisance, rest = rows[:, :4], rows[:, 4:]
-        left, singular, _ = np.linalg.svd(nuisance / np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300), False)
-        basis = left[:, singular > _RANK * singular[0]]
+        # Project gravity and inertia out of the rows of one posture (Frisch, Waugh and Lovell). An orthonormal basis
+        # from the SVD copes with columns that depend on each other over a short stroke.
+        sizes = np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300)
+        basis_vectors, singular, _ = np.linalg.svd(nuisance / sizes, False)
+        basis = basis_vectors[:, singular > _RANK * singular[0]]
         rest = rest - basis @ (basis.T @ rest)
         borders = np.cumsum([len(piece.rows) for piece in group])[:-1]
         cleared += np.split(rest, borders)
@@ -177,7 +198,7 @@ def _equation(columns: list[int], pieces: Sequence[Piece]) -> EquationFactors:
 
 
 def _by_posture(pieces: Sequence[Piece]) -> list[list[Piece]]:
-    """Pieces of the same recording with the other joints in the same posture."""
+    """Group pieces of the same recording with the other joints in the same posture."""
     groups: list[list[Piece]] = []
     for piece in pieces:
         for group in groups:

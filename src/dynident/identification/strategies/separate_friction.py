@@ -1,4 +1,4 @@
-"""Friction first, joint by joint from runs of constant velocity, then the inertial parameters (§12.3.3 ii)."""
+"""Identify friction first, joint by joint from runs of constant velocity, then the other parameters (§12.3.3 ii)."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from dynident.identification.strategies.sequential import check_estimator
 from dynident.identification.strategies.steps import Findings, conclude_steps, take_step
 from dynident.regressors.model import Model
 
-# Fast motion of less than so many times the speed of slow motion does not tell dry friction from viscous friction well;
-# ramps at the ends, a fifth of the time on either side, do not count.
+# Dry and viscous friction are told apart where the fast motion is at least so many times as fast as the slow one. Ramps
+# at the ends, a fifth of the time on either side, do not count.
 _SPEEDS, _ENDS = 1.5, 0.2
-# Only what the runs tell this much worse than all data do is left to these: friction's own runs are to be believed.
+# A friction parameter is left to the whole robot's motion only where the runs determine it this much worse: otherwise
+# friction's own runs are believed.
 _PATIENCE = 30.0
-# Share of a parameter outside what the runs determine for it to be named.
+# A parameter is named as undetermined where more than this share of it lies outside what the runs determine.
 _OPEN = 0.1
 
 
@@ -27,8 +28,18 @@ def separate_friction(choices: IdentificationChoices, problem: Problem) -> Fit:
     """Find the friction of every joint that moves alone somewhere, then all other parameters with it known.
 
     The runs are those of the recordings with the role "friction", or else any that are found in the data. Friction
-    keeps the values that these runs give; how uncertain they are is carried into the other parameters. What they tell
-    much worse than the whole robot's motion does (load-dependent friction where the load hardly changes) is left to it.
+    keeps the values that these runs give, and their uncertainty is carried into the other parameters. Parameters that
+    the runs determine much worse than the whole robot's motion does (load-dependent friction where the load hardly
+    changes) are left to that motion.
+
+    Parameters
+    ----------
+    choices : IdentificationChoices
+    problem : Problem
+
+    Returns
+    -------
+    Fit
 
     Raises
     ------
@@ -45,8 +56,8 @@ def separate_friction(choices: IdentificationChoices, problem: Problem) -> Fit:
             title="Recordings needed",
         )
     runs = friction_runs(model, sources, choices.preprocessing, data.reference)
-    told = [j for j in range(model.robot.n) if len(runs.velocities[j]) and friction_columns(model, j)]
-    if not told:
+    solvable = [j for j in range(model.robot.n) if len(runs.velocities[j]) and friction_columns(model, j)]
+    if not solvable:
         raise DynidentError(
             f"no joint with friction in the model moves alone at constant velocity in "
             f"{', '.join(r.name for r in sources)}; record each joint by itself at several constant speeds in both "
@@ -60,12 +71,13 @@ def separate_friction(choices: IdentificationChoices, problem: Problem) -> Fit:
     return conclude_steps(data, (alone, rest), _warnings(model, runs, alone.findings))
 
 
-def _warnings(model: Model, runs: FrictionRuns, found: Findings) -> tuple[str, ...]:
-    made = []
+def _warnings(model: Model, runs: FrictionRuns, findings: Findings) -> tuple[str, ...]:
+    """Return warnings about joints without runs, with poor ones, and about parameters that the runs leave open."""
+    sentences = []
     names = model.robot.joint_names
     without = [names[j] for j in range(model.robot.n) if friction_columns(model, j) and not len(runs.velocities[j])]
     if without:
-        made.append(
+        sentences.append(
             f"No run shows {', '.join(without)} moving alone at constant velocity: their friction is identified "
             "together with the inertial parameters."
         )
@@ -76,26 +88,30 @@ def _warnings(model: Model, runs: FrictionRuns, found: Findings) -> tuple[str, .
         speeds = np.repeat(np.abs(velocities), runs.equations.equations[j].counts)
         slow, fast = np.quantile(speeds, (_ENDS, 1 - _ENDS))
         if not ((velocities > 0).any() and (velocities < 0).any()):
-            made.append(f"{names[j]} moves alone in one direction only: Coulomb friction cannot be told from gravity.")
+            sentences.append(
+                f"{names[j]} moves alone in one direction only: Coulomb friction cannot be told from gravity."
+            )
         elif fast < _SPEEDS * slow:
-            made.append(
+            sentences.append(
                 f"{names[j]} moves alone at one speed of {fast:.3g} only: how its friction depends on the speed is "
                 "hardly to be told."
             )
-    left = _left_open(model, runs, found)
-    if left:
-        made.append(
-            f"The friction runs alone do not tell {', '.join(left)}: these come from all recordings together, with "
-            "what the runs say of their combinations."
+    undetermined = _left_open(model, runs, findings)
+    if undetermined:
+        sentences.append(
+            f"The friction runs alone do not tell {', '.join(undetermined)}: these come from all recordings together, "
+            "with what the runs say of their combinations."
         )
-    return tuple(made)
+    return tuple(sentences)
 
 
-def _left_open(model: Model, runs: FrictionRuns, found: Findings) -> list[str]:
-    """Names of friction parameters of joints that move alone which the runs leave undetermined."""
+def _left_open(model: Model, runs: FrictionRuns, findings: Findings) -> list[str]:
+    """Return the names of friction parameters of joints that move alone which the runs leave undetermined."""
     columns = [k for j, v in enumerate(runs.velocities) if len(v) for k in friction_columns(model, j)]
-    functions = found.functions[:, columns]
+    functions = findings.functions[:, columns]
     sizes = np.linalg.norm(functions, axis=0)
+    # The rows of Q span what the runs determine. The squared length of a parameter's row is the share of it that is
+    # known.
     known = np.linalg.qr((functions / np.where(sizes > 0, sizes, 1.0)).T)[0]
     missing = 1.0 - np.sum(known * known, axis=1)
     return [model.kept[k].name for k, share in zip(columns, missing, strict=True) if share > _OPEN]

@@ -21,6 +21,16 @@ _LONGEST_WRIST = 3
 def sequential(choices: IdentificationChoices, problem: Problem) -> Fit:
     """Find the parameters of the terminal link from its joint's equation, then those of the links before it.
 
+    Parameters
+    ----------
+    choices : IdentificationChoices
+        `steps` names the order.
+    problem : Problem
+
+    Returns
+    -------
+    Fit
+
     Raises
     ------
     DynidentError
@@ -32,6 +42,7 @@ def sequential(choices: IdentificationChoices, problem: Problem) -> Fit:
     steps: list[Step] = []
     to_come = set(range(model.robot.n))
     for joints in steps_of(model.robot, choices.steps):
+        # A joint's equation holds only the links behind it, so from the terminal one on every step adds few unknowns.
         own, later = only(data.equations, joints), only(data.equations, tuple(to_come))
         step = take_step(choices.solver, problem, own, findings, later)
         to_come -= set(joints)
@@ -41,10 +52,18 @@ def sequential(choices: IdentificationChoices, problem: Problem) -> Fit:
 
 
 def steps_of(robot: Robot, steps: StepsName) -> Iterator[tuple[int, ...]]:
-    """The joints whose equations make each step, the terminal ones first."""
+    """Yield the joints whose equations make each step, the terminal ones first.
+
+    Parameters
+    ----------
+    robot : Robot
+    steps : str
+        "link_by_link" or "wrist_then_shoulder".
+    """
     if steps == "link_by_link":
         yield from ((joint,) for joint in reversed(range(robot.n)))
         return
+    # A wrist is light. Identified together with the shoulder, its parameters would drown in the shoulder's noise.
     wrist = wrist_joints(robot)
     if wrist:
         yield wrist
@@ -52,18 +71,26 @@ def steps_of(robot: Robot, steps: StepsName) -> Iterator[tuple[int, ...]]:
 
 
 def wrist_joints(robot: Robot) -> tuple[int, ...]:
-    """The last three joints of every arm, and not more than half of its joints."""
-    found = []
+    """Return the last three joints of every arm, but not more than half of its joints."""
+    wrist = []
     for joint in range(robot.n):
+        # Depth of the last joint of this arm; how many joints come after this one decides whether it belongs to the
+        # wrist.
         behind = max(len(robot.ancestors(other)) for other in robot.subtree(joint))
         after = behind - len(robot.ancestors(joint))
         if after < min(_LONGEST_WRIST, behind // 2):
-            found.append(joint)
-    return tuple(found)
+            wrist.append(joint)
+    return tuple(wrist)
 
 
 def only(reduction: Reduction, joints: tuple[int, ...]) -> Reduction:
-    """The same data with the rows of these joints alone; the other equations are empty."""
+    """Return the same data with the rows of some joints alone; the other equations are empty.
+
+    Parameters
+    ----------
+    reduction : Reduction
+    joints : tuple of int
+    """
     equations = tuple(
         equation if joint in joints else EquationFactors(equation.columns[:0], np.zeros((0, 1, 1)), equation.counts[:0])
         for joint, equation in enumerate(reduction.equations)
@@ -72,7 +99,16 @@ def only(reduction: Reduction, joints: tuple[int, ...]) -> Reduction:
 
 
 def check_stepwise(choices: IdentificationChoices) -> None:
-    """Raise where an estimator or a model cannot be taken joint by joint."""
+    """Raise where an estimator or a model cannot be taken joint by joint.
+
+    Parameters
+    ----------
+    choices : IdentificationChoices
+
+    Raises
+    ------
+    DynidentError
+    """
     check_estimator(choices.solver)
     if not choices.rows.by_joint:
         raise DynidentError(
@@ -84,7 +120,12 @@ def check_stepwise(choices: IdentificationChoices) -> None:
 
 
 def check_estimator(estimator: Estimator) -> None:
-    """Raise where an estimator cannot be taken in steps."""
+    """Raise where an estimator cannot be taken in steps.
+
+    Raises
+    ------
+    DynidentError
+    """
     if not estimator.in_steps:
         raise DynidentError(
             f"{estimator.name} cannot be taken in steps; choose from "

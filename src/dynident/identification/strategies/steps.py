@@ -1,10 +1,10 @@
-"""One step of an identification in steps: what earlier steps found is known, with its uncertainty, and stays.
+"""One step of an identification in steps: estimates of earlier steps are known, with their uncertainty, and stay.
 
 A step finds linear functions of the parameters: single parameters as a rule, combinations where its equations do not
-tell some parameters apart. The estimates of earlier steps are not put right by later ones, as in [12.24]; two things
-keep their errors from accumulating. They enter as measurements with their own covariance, so that rows in which they
-are uncertain count for less (the weighted solution that [Gautier 97] proposes); and what a step sees much worse than
-the steps behind it will is left to these.
+tell some parameters apart. As in [12.24], later steps do not correct the estimates of earlier ones. Two things keep
+errors from accumulating. Earlier estimates enter as measurements with their own covariance, so that rows in which they
+are uncertain count for less (the weighted solution that [Gautier 97] proposes). And a function that a step determines
+much worse than the later steps will is left to them.
 """
 
 from __future__ import annotations
@@ -35,11 +35,13 @@ from dynident.identification.problem import Problem
 
 # Share of the largest singular value, columns of equal size, below which a direction is rounding alone.
 _UNSEEN = 1e-8
+# Share of the largest noise that every equation has at least: an exact equation would drown all others in rounding.
 _LEAST_NOISE = 1e-6
 
 PATIENCE = 2.0
-"""A function waits where its standard deviation from this step alone is more than so many times that from this step and
-all later ones. From 1.5 to 3 it came out alike; without it errors grew to 1.4 times those of the global strategy."""
+"""A function is left to later steps where its standard deviation from this step alone is more than so many times that
+from this step and all later ones. Values from 1.5 to 3 gave the same errors; without it they grew to 1.4 times those of
+the global strategy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +54,7 @@ class Findings:
 
     @classmethod
     def nothing(cls, n_columns: int) -> Findings:
-        """Before the first step."""
+        """Return the empty findings before the first step."""
         return cls(np.zeros((0, n_columns)), np.zeros(0), np.zeros((0, 0)))
 
     @property
@@ -61,20 +63,21 @@ class Findings:
         return bool(self.functions.shape[0] == self.functions.shape[1])
 
     def parameters(self) -> tuple[FloatArray, FloatArray]:
-        """χ (c,) and its covariance (c, c), once all parameters are determined."""
+        """Return χ (c,) and its covariance (c, c), once all parameters are determined."""
+        # Columns of equal size first: parameters in kg and kg m² make the inverse ill-conditioned otherwise.
         scale = np.linalg.norm(self.functions, axis=0)
         inverse = np.linalg.inv(self.functions / scale) / scale[:, None]
         covariance = inverse @ self.covariance @ inverse.T
         return inverse @ self.values, 0.5 * (covariance + covariance.T)
 
     def information(self, n_columns: int) -> Information | None:
-        """What is known, as equations of variables whose first are these functions."""
+        """Return what is known, as equations of variables whose first are these functions."""
         if not len(self.values):
             return None
         return known_values(self.values, self.covariance, np.arange(len(self.values)), n_columns)
 
     def and_new(self, new: FloatArray, values: FloatArray, covariance: FloatArray, cross: FloatArray) -> Findings:
-        """With what a step found: functions (k, c), covariance (k, k) and, with the earlier estimates, (k, m)."""
+        """Add what a step found: functions (k, c), covariance (k, k) and, with the earlier estimates, (k, m)."""
         return Findings(
             np.vstack([self.functions, new]),
             np.concatenate([self.values, values]),
@@ -84,7 +87,7 @@ class Findings:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What one step gave: all findings up to it, and its fit (None where its equations told nothing new)."""
+    """Result of one step: all findings up to it, and its fit (None where its equations told nothing new)."""
 
     findings: Findings
     fit: Fit | None
@@ -102,35 +105,54 @@ def take_step(
 
     Parameters
     ----------
+    estimator : Estimator
+    problem : Problem
     equations : Reduction
         Rows of the step, over all parameters of the model.
     findings : Findings
         Of earlier steps, from other equations: their errors are taken to be independent of these rows.
     to_come : Reduction, optional
-        Rows of this step and of all that follow, in any order; without it nothing waits.
+        Rows of this step and of all that follow, in any order; without it nothing is left to later steps.
     patience : float
-        How many times surer the rows to come have to be of something for it to wait for them.
+        How many times surer the rows to come have to be of a function for it to be left to them.
+
+    Returns
+    -------
+    Step
     """
     split = _split(equations, findings, to_come, patience)
-    m, k, found = len(findings.values), len(split.functions), split.n_found
-    if not found:
+    m, k, n_found = len(findings.values), len(split.functions), split.n_found
+    if not n_found:
         return Step(findings, None)
+    # New coordinates: first the known functions, then those of this step. The pseudoinverse expresses the parameters
+    # in them.
     whole = np.vstack([findings.functions, split.functions]) / split.scale
     changed = equations.combined(np.linalg.pinv(whole) / split.scale[:, None])
-    # What a step finds is what later ones know: in all directions, and from few stretches of time not all can be had.
+    # Later steps take this covariance as a measurement error, so it has to have full rank. A covariance from a few
+    # blocks of time would not.
     data, known = replace(problem.data, equations=changed), findings.information(m + k)
     fit = estimator.solve(replace(problem, data=data, known=known, covariance="by_joint"))
-    new = slice(m, m + found)
+    new = slice(m, m + n_found)
     # The estimate moves with the error of what is known as (RᵀR)⁻¹ Fᵀε does, ε the known part's error in units of its
     # standard deviation; FᵀF is the inverse of its covariance.
     cross = fit.solution.normal_inverse[new, :m]
     covariance = fit.statistics.covariance[new, new]
-    grown = findings.and_new(split.functions[:found], fit.solution.values[new], covariance, cross)
+    grown = findings.and_new(split.functions[:n_found], fit.solution.values[new], covariance, cross)
     return Step(grown, fit)
 
 
 def conclude_steps(data: Data, steps: Sequence[Step], warnings: tuple[str, ...] = ()) -> Fit:
-    """The fit once all steps are taken; noise and factor are those of all equations with the final parameters.
+    """Return the fit once all steps are taken; noise and factor are those of all equations with the final parameters.
+
+    Parameters
+    ----------
+    data : Data
+    steps : sequence of Step
+    warnings : tuple of str
+
+    Returns
+    -------
+    Fit
 
     Raises
     ------
@@ -155,8 +177,8 @@ def conclude_steps(data: Data, steps: Sequence[Step], warnings: tuple[str, ...] 
         converged=all(fit.solution.converged for fit in fits),
     )
     worth = effective_rows(equations, values)
-    found = Statistics(covariance, worth, noise, freedom_of_rows(worth, len(values)))
-    return Fit(solution, found, (*warnings, *(warning for fit in fits for warning in fit.warnings)))
+    statistics = Statistics(covariance, worth, noise, freedom_of_rows(worth, len(values)))
+    return Fit(solution, statistics, (*warnings, *(warning for fit in fits for warning in fit.warnings)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,24 +194,28 @@ class _Split:
 
 
 def _split(equations: Reduction, findings: Findings, to_come: Reduction | None, patience: float) -> _Split:
+    """Find the unknown functions that equations depend on, and which of them are left to the rows to come."""
     noise = np.array([equation.own_noise for equation in equations.equations])
     later = np.array([equation.own_noise for equation in to_come.equations] if to_come is not None else [])
     largest = max(float(noise.max(initial=0.0)), float(later.max(initial=0.0)))
     factor = weighted_factor(equations, _relative(noise, largest))[:-1, :-1]
     norms = np.linalg.norm(factor, axis=0)
-    seen = norms > _UNSEEN * norms.max(initial=0.0)
-    scale = np.where(seen, norms, 1.0)
+    nonzero = norms > _UNSEEN * norms.max(initial=0.0)
+    scale = np.where(nonzero, norms, 1.0)
     # Orthonormal bases of the functions that are known, and of all others, columns of equal size.
     others = np.split(np.linalg.qr((findings.functions / scale).T, mode="complete")[0], [len(findings.values)], 1)[1]
-    rest = np.where(seen, factor / scale, 0.0) @ others
+    # The part of the equations that the known functions do not explain; its singular vectors are the functions to
+    # find.
+    rest = np.where(nonzero, factor / scale, 0.0) @ others
     _, singular, directions = np.linalg.svd(rest)
-    clear = singular > _UNSEEN * np.sqrt(max(float(np.count_nonzero(seen)), 1.0))
+    clear = singular > _UNSEEN * np.sqrt(max(float(np.count_nonzero(nonzero)), 1.0))
     singular, directions = singular[clear], directions[: len(singular)][clear]
     if to_come is None or not len(directions):
         return _Split(directions @ others.T * scale, len(directions), scale)
     together = np.linalg.qr(weighted_factor(to_come, _relative(later, largest))[:-1, :-1] / scale @ others, mode="r")
     half = solve_triangular(together, directions.T, trans="T")
-    # Functions that are independent of each other both in this step and in all rows to come.
+    # A generalised eigenvalue problem gives functions that are independent of each other both in this step and in all
+    # rows to come. An eigenvalue is the share of the information about a function that this step has.
     share, basis = eigh(np.diag(singular**2), np.linalg.inv(half.T @ half))
     functions = np.linalg.solve(basis, directions)[::-1]
     functions /= np.linalg.norm(functions, axis=1)[:, None]

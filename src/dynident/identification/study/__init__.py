@@ -1,1 +1,1 @@
-"""From recordings to an identified model, and on: with more effects, with fewer, with other choices, in files."""
+"""Workflows of an identification: identify a model, extend it, remove effects, solve it again, store it."""

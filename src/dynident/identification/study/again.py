@@ -1,4 +1,4 @@
-"""An identified model solved anew with other choices, from its reduced data: no recording is read again."""
+"""Solve an identified model again with other choices, from its reduced data: no recording is read again."""
 
 from __future__ import annotations
 
@@ -25,8 +25,14 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
     Parameters
     ----------
     identification : Identification
+        The model to solve again, with its reduced data.
     choices : IdentificationChoices
         The model's rows and their constants must be the same, and its effects a part of the old ones.
+
+    Returns
+    -------
+    Identification
+        Solved from the same reduced data.
 
     Raises
     ------
@@ -40,14 +46,28 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
     if choices.effects != known.effects:
         model, weights = smaller_model(known, choices.effects, choices.tolerance)
         part, data = Part(known, weights), data.combined(weights)
+    # Fewer effects need no new rows: the smaller model's columns are linear combinations of those that the reduced
+    # data hold.
     shaped = combined_shapes(identification, model.effects, None if part is None else part.weights)
     chosen = replace(choices, preprocessing=identification.choices.preprocessing)
-    found = conclude(model, chosen, data.to_solve(identification.estimate.reference), data, part, lambda _: shaped)
-    return replace(found, in_memory=identification.in_memory if part is None else NONE_IN_MEMORY)
+    identified = conclude(model, chosen, data.to_solve(identification.estimate.reference), data, part, lambda _: shaped)
+    # Rows in memory belong to the columns of the larger model, so a smaller one starts without any.
+    return replace(identified, in_memory=identification.in_memory if part is None else NONE_IN_MEMORY)
 
 
 def check_reduced_data(identification: Identification, choices: IdentificationChoices) -> None:
-    """Raise where choices need more than the reduced data of an identification."""
+    """Raise where choices need more than the reduced data of an identification.
+
+    Parameters
+    ----------
+    identification : Identification
+    choices : IdentificationChoices
+
+    Raises
+    ------
+    DynidentError
+        Names the choice that needs the recordings, and what is possible without them.
+    """
     old = identification.choices
     if (choices.model, choices.pole, choices.interval) != (old.model, old.pole, old.interval):
         raise _needed("/model", f"the reduced data are rows of the {old.model} model")
@@ -55,12 +75,12 @@ def check_reduced_data(identification: Identification, choices: IdentificationCh
         raise _needed("/estimator", "what the wrench alone shows was taken out with the other estimator's weights")
     if not choices.solver.from_reduced:
         able = ", ".join(ESTIMATORS.having("from_reduced"))
-        told = f"{choices.solver.name} goes through the samples again; from reduced data there are {able}"
-        raise _needed("/estimator", told)
+        reason = f"{choices.solver.name} goes through the samples again; from reduced data there are {able}"
+        raise _needed("/estimator", reason)
     if not choices.plan.from_reduced:
         able = ", ".join(STRATEGIES.having("from_reduced"))
-        told = f"{choices.strategy} needs runs of single joints; from reduced data there are {able}"
-        raise _needed("/strategy", told)
+        reason = f"{choices.strategy} needs runs of single joints; from reduced data there are {able}"
+        raise _needed("/strategy", reason)
     if choices.preprocessing not in (None, old.preprocessing, identification.preprocessing):
         raise _needed("/preprocessing", "the reduced data were filtered otherwise")
 

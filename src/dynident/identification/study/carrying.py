@@ -1,7 +1,7 @@
-"""Which of the held-out runs carry what sits in some of the runs only: a load that was put on after the second one.
+"""Find the held-out runs in which an effect of some runs acts, such as a load that was put on after the second run.
 
-A diagnosis says in which of the runs it looked at an effect is. Of held-out runs nobody has said it, and a model that
-leaves the load out there is judged by a robot that carries one.
+A diagnosis names the runs of the identification data in which an effect acts. For held-out runs nobody has named them.
+A model that leaves the load out there would be judged by a robot that carries one.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from dynident.regressors.model import Model
 
 @dataclass(frozen=True)
 class Carrying:
-    """A held-out run that shows what was added, and its squared error without it over that with it."""
+    """A held-out run in which the added effects act, and its squared error without them over that with them."""
 
     run: str
     ratio: float
 
 
 def is_open(choice: EffectChoice, validation: Sequence[Recording]) -> bool:
-    """Whether an effect sits in some of the runs, and nobody has said of any held-out run that it does there."""
+    """Tell whether an effect acts in some runs only, and no held-out run is named among them."""
     held_out = {label for recording in validation for label in (recording.name, *recording.run_labels)}
     return bool(choice.runs) and bool(held_out) and not held_out & set(choice.runs)
 
@@ -37,39 +37,55 @@ def is_open(choice: EffectChoice, validation: Sequence[Recording]) -> bool:
 def carrying(
     grown: Identification, base: Model, added: Sequence[EffectChoice], validation: Sequence[Recording]
 ) -> tuple[Carrying, ...]:
-    """Held-out runs that are predicted better with what was added than without it, beyond chance.
+    """Find the held-out runs that are predicted better with the added effects than without them, beyond chance.
 
     Parameters
     ----------
     grown : Identification
         Identified with the effects `added` to the model `base`, in none of the held-out runs.
+    base : Model
+        The model before the effects were added.
+    added : sequence of EffectChoice
+        The effects, with the runs of the identification data that they act in.
+    validation : sequence of Recording
+        Held-out recordings, whose runs are tested one by one.
+
+    Returns
+    -------
+    tuple of Carrying
+        Empty where no run is predicted better.
     """
     names = tuple(recording.name for recording in validation)
     everywhere = tuple(replace(choice, runs=choice.runs + names) if choice.runs else choice for choice in added)
+    # Let the effect act in every held-out run at first. The parameters stay those of the fit, so that one reduction
+    # of each run serves both predictions.
     model = extended_model(base, everywhere, tolerance=grown.choices.tolerance)
     if model.n_parameters != grown.model.n_parameters:
         return ()
+    # The prediction without the effect: its parameters set to zero, all others as they are.
     without = np.where([bool(set(column.runs) & set(names)) for column in model.kept], 0.0, grown.values)
-    found = []
+    findings = []
     for label, run in _runs(validation):
         data = torque_of(model, (run,), grown.preprocessing, grown.estimate.reference).torque
         off, on = (stretch_squares(data, values, grown.noise) for values in (without, grown.values))
+        # The gain has to stand out of its own scatter over blocks of time, or a run that was only lucky would count.
         if t_of(off - on) >= SURE:
-            found.append(Carrying(label, float(np.sqrt(off.sum() / on.sum()))))
-    return tuple(found)
+            findings.append(Carrying(label, float(np.sqrt(off.sum() / on.sum()))))
+    return tuple(findings)
 
 
-def note_of(added: Sequence[EffectChoice], found: Sequence[Carrying]) -> str:
-    """What is taken of the held-out runs, in words."""
-    what = " and ".join(dict.fromkeys(effect_by_id(choice.effect).title for choice in added if choice.runs))
-    runs = ", ".join(f"{one.run} (error {one.ratio:.2g} times as large without it)" for one in found)
+def note_of(added: Sequence[EffectChoice], findings: Sequence[Carrying]) -> str:
+    """Return a sentence that names the effects and the held-out runs that they were found in."""
+    titles = " and ".join(dict.fromkeys(effect_by_id(choice.effect).title for choice in added if choice.runs))
+    runs = ", ".join(f"{finding.run} (error {finding.ratio:.2g} times as large without it)" for finding in findings)
     return (
-        f"{what} shows in held-out runs as well and is taken to be there: {runs}. Name the runs yourself if you know "
+        f"{titles} shows in held-out runs as well and is taken to be there: {runs}. Name the runs yourself if you know "
         "better."
     )
 
 
 def _runs(recordings: Sequence[Recording]) -> Iterator[tuple[str, Recording]]:
+    """Yield every run of the recordings by itself, with its label."""
     for recording in recordings:
         for label in recording.run_labels:
             own = [item for k, item in enumerate(recording.segments) if recording.run_label(k) == label]

@@ -1,4 +1,4 @@
-"""A model on reduced data solved, judged and described."""
+"""Solve a model on reduced data, judge it, and put the result together."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from dynident.regressors.model import Model
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A model is a part of a larger one, `whole`: its columns are the whole's times `weights` (b, b')."""
+    """Relation of a smaller model to a larger one, `whole`: its columns are the whole's times `weights` (b, b')."""
 
     whole: Model
     weights: FloatArray
@@ -42,27 +42,41 @@ def conclude(
 
     Parameters
     ----------
+    model : Model
+    choices : IdentificationChoices
     data : Data
-        What the model is solved from.
+        Equations that the parameters are solved from.
     reduced : ReducedData
-        The same as it is kept, with the held-out data, and without `shaped`.
+        The same data as it is stored, with the held-out data, and without `shaped`.
     part_of : Part, optional
-        A larger model: what is compiled for that one serves.
+        A larger model, whose compiled functions are used for this one.
     shaped : function, optional
-        Gives the joints' torques in the model's columns and, behind them, those of `shape_columns` at parameters (b,).
+        Takes parameters (b,), and returns the joints' torques in the model's columns, followed by the columns of
+        `shape_columns`.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    DynidentError
+        Where the data do not determine the parameters, or the choices do not fit each other.
     """
     problem = Problem.of(model, choices, data)
     check_reduction(model, data.equations, problem.known)
     if choices.model != "base_wrench":
         check_torque(model, data.torque)
+    # The problem has given the rows at reversals their weights: from here on only these weighted rows count.
     data = problem.data
     reduced = replace(reduced, equations=data.equations, training=data.torque)
-    found = fit(choices, problem)
-    values = found.solution.values
+    fitted = fit(choices, problem)
+    values = fitted.solution.values
+    # Columns of the shape constants are derivatives of the torque, so they need the parameters that were just found.
     with_shapes = None if shaped is None else shaped(values)
     if with_shapes is not None:
         with_shapes = with_shapes.weighing_turns(data.weights)
-    looked = None if with_shapes is None else _with_shapes_uncertain(problem, found, with_shapes)
+    looked = None if with_shapes is None else _with_shapes_uncertain(problem, fitted, with_shapes)
     if model.is_at_rest:
         # Of the inertia matrix poses say nothing, so that what it is made of must not be judged.
         smallest = float("nan")
@@ -70,14 +84,15 @@ def conclude(
         smallest = smallest_inertia_eigenvalue(model, values)
     else:
         smallest = smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)
+    # The linearised covariance holds only for least squares of the joints' torques; other fits keep their own.
     certain = not choices.least_squares_of_torque
     estimate = Estimate.of(
         model,
         reduced,
         data.reference,
-        found.solution,
-        found.statistics if certain or looked is None else looked.of_parameters,
-        standard=found.standard,
+        fitted.solution,
+        fitted.statistics if certain or looked is None else looked.of_parameters,
+        standard=fitted.standard,
         shape_constants=shape_constants(model, looked),
     )
     result = Identification(
@@ -89,12 +104,13 @@ def conclude(
         worst_inertia_eigenvalue=smallest,
         warnings=(),
     )
-    return replace(result, warnings=found.warnings + warnings_of(result))
+    return replace(result, warnings=fitted.warnings + warnings_of(result))
 
 
-def _with_shapes_uncertain(problem: Problem, found: Fit, with_shapes: Reduction) -> Linearised | None:
-    """What the joints' torques say of the shape constants, whatever rows the parameters were solved from."""
-    data, solution = problem.data, found.solution
+def _with_shapes_uncertain(problem: Problem, fitted: Fit, with_shapes: Reduction) -> Linearised | None:
+    """Linearise the joints' torques about the shape constants, whatever rows the parameters were solved from."""
+    data, solution = problem.data, fitted.solution
+    # The noise of power or energy rows says nothing of a torque in N m, so it is estimated from the torque rows.
     if data.equations is not data.torque:
         solution = replace(solution, noise=noise_levels(data.torque, solution.values))
     return looked_at_shapes(problem.model, solution, problem.covariance, with_shapes)

@@ -1,4 +1,4 @@
-"""In words: which parameters of an identified model are determined only together, and what is not determined."""
+"""Describe which parameters of an identified model are determined only together, and which are not determined."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ _MOST_PARTS = 5
 
 @dataclass(frozen=True, eq=False)
 class ParameterDependence:
-    """For a reader: `sentences`, worst first; for a heat map: `names` (b) and `correlation` (b, b)."""
+    """Dependence of the parameters of a model.
+
+    `sentences` for a reader, worst first; `names` (b) and `correlation` (b, b) for a heat map; `found` by the analysis.
+    """
 
     names: tuple[str, ...]
     correlation: FloatArray
@@ -26,28 +29,41 @@ class ParameterDependence:
 
 @single_threaded
 def parameter_dependence(identification: Identification, most: int = MOST_SENTENCES) -> ParameterDependence:
-    """Say which parameters the motion determines only together; at most so many sentences."""
+    """Say which parameters the motion determines only together.
+
+    Parameters
+    ----------
+    identification : Identification
+    most : int
+        Largest number of sentences.
+
+    Returns
+    -------
+    ParameterDependence
+    """
     names = tuple(column.name for column in identification.model.kept)
-    found = dependence(identification.estimate.solution, _by_motion(identification), most)
-    sentences = [_of_direction(one, names) for one in found.directions]
-    sentences += [_of_pair(one, names) for one in found.pairs]
-    return ParameterDependence(names, found.correlation, tuple(sentences[:most]), found)
+    analysis = dependence(identification.estimate.solution, _by_motion(identification), most)
+    sentences = [_of_direction(direction, names) for direction in analysis.directions]
+    sentences += [_of_pair(pair, names) for pair in analysis.pairs]
+    return ParameterDependence(names, analysis.correlation, tuple(sentences[:most]), analysis)
 
 
 def _by_motion(identification: Identification) -> Statistics:
-    """How the motion makes estimates depend on one another; from few stretches of time that is known but roughly."""
-    told = identification.statistics
+    """Return the statistics that show how the motion couples the estimates."""
+    current = identification.statistics
     if identification.choices.covariance != "by_time_and_joints" or identification.estimate.not_essential:
-        return told
+        return current
+    # A covariance from a few blocks of time has a low rank and makes up correlations. The covariance by joint is
+    # smoother.
     return statistics(identification.data.equations, identification.estimate.solution, "by_joint")
 
 
 def _of_pair(pair: CloseTogether, names: tuple[str, ...]) -> str:
-    one, other = names[pair.first], names[pair.second]
+    first_name, second_name = names[pair.first], names[pair.second]
     rather = "their sum" if pair.correlation < 0 else "their difference"
     return (
-        f"{one} and {other} are determined only together (correlation {pair.correlation:.2f}): the motion shows "
-        f"{rather}, each in units of its own uncertainty, better than either."
+        f"{first_name} and {second_name} are determined only together (correlation {pair.correlation:.2f}): the motion "
+        f"shows {rather}, each in units of its own uncertainty, better than either."
     )
 
 

@@ -1,4 +1,4 @@
-"""The essential parameters of an identified model, with the error on data that no parameter sees along the way."""
+"""Find the essential parameters of an identified model, with the error on held-out data after each step."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from dynident.threads import single_threaded
 
 @dataclass(frozen=True, eq=False)
 class EssentialStep:
-    """One parameter less.
+    """One step of the backward elimination: a parameter that was taken out.
 
     `relative_deviation` of the parameter before it went, a fraction; `ratio` of the largest to the smallest of all;
     `p_value`: how often noise alone would be as large as all that is taken out so far; `fit` and `held_out` errors of
@@ -51,11 +51,11 @@ class EssentialStep:
 
 @dataclass(frozen=True, eq=False)
 class EssentialPath:
-    """From the identified parameters to the essential ones.
+    """The steps from the identified parameters to the essential ones.
 
-    `essential`: names of what is left; `steps` what was taken out, in that order; `refused` the parameter that would
-    have been next where the test ended the elimination; `ratio` what is left of the largest over the smallest relative
-    standard deviation; `identification` the model with the essential parameters estimated anew, the others zero.
+    `essential`: names of the parameters that remain; `steps` in the order of elimination; `refused` the parameter that
+    would have been next where the test ended the elimination; `ratio` of the largest to the smallest relative standard
+    deviation that remains; `identification` the model with the essential parameters estimated anew, the others zero.
     """
 
     essential: tuple[str, ...]
@@ -91,7 +91,11 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
     ----------
     identification : Identification
     ratio : float
-        Largest over smallest relative standard deviation at which the elimination ends; above 1.
+        Largest over smallest relative standard deviation at which the elimination ends; above 1 (§12.7).
+
+    Returns
+    -------
+    EssentialPath
 
     Raises
     ------
@@ -100,6 +104,8 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
     """
     check_ranges(EssentialChoices(ratio))
     equations, names = identification.data.equations, [column.name for column in identification.model.kept]
+    # The elimination needs a plain least-squares solution, so it is solved anew with the noise and the prior that the
+    # identification had, whatever estimator that used.
     full = solve(equations, identification.estimate.solution.noise, identification.estimate.solution.known)
     # The test is about many parameters at a time: a covariance from stretches of time alone has not the rank for it.
     path = eliminate(equations, full, statistics(equations, full, "by_joint"), ratio)
@@ -128,23 +134,24 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
 
 
 def _with_only(identification: Identification, full: Solution, removed: tuple[int, ...]) -> Identification:
-    """The model with some parameters zero and the others estimated anew."""
+    """Return the model with the parameters `removed` set to zero and the others estimated anew."""
     if not removed:
         return identification
     c = identification.model.n_parameters
-    kept = np.array([k for k in range(c) if k not in removed], dtype=np.intp)
-    solution, found = _of_kept(identification.data.equations, full, kept, identification.choices.covariance)
-    found = _with_shapes_uncertain(identification, solution, kept) or found
+    essential = np.array([k for k in range(c) if k not in removed], dtype=np.intp)
+    solution, fitted = _of_kept(identification.data.equations, full, essential, identification.choices.covariance)
+    fitted = _with_shapes_uncertain(identification, solution, essential) or fitted
+    # Parameters that are set to zero have no variance, and infinite degrees of freedom: they are constants now.
     values, covariance, freedom = np.zeros(c), np.zeros((c, c)), np.full(c, np.inf)
-    freedom[kept] = found.freedom
-    values[kept] = solution.values
-    covariance[np.ix_(kept, kept)] = found.covariance
+    freedom[essential] = fitted.freedom
+    values[essential] = solution.values
+    covariance[np.ix_(essential, essential)] = fitted.covariance
     estimate = Estimate.of(
         identification.model,
         identification.data,
         identification.estimate.reference,
         replace(full, values=values),
-        Statistics(covariance, found.effective_rows, found.noise, freedom),
+        Statistics(covariance, fitted.effective_rows, fitted.noise, freedom),
         not_essential=removed,
         shape_constants=identification.shape_constants,
     )
@@ -160,24 +167,25 @@ def _with_only(identification: Identification, full: Solution, removed: tuple[in
 
 
 def _with_shapes_uncertain(
-    identification: Identification, solution: Solution, kept: NDArray[np.intp]
+    identification: Identification, solution: Solution, essential: NDArray[np.intp]
 ) -> Statistics | None:
-    """How sure the parameters that are kept are with the shape constants uncertain; None where these are not."""
+    """Return the statistics of the essential parameters with the shape constants uncertain; None where they are not."""
     shaped, choices = identification.data.shaped, identification.choices
     if shaped is None or not choices.least_squares_of_torque:
         return None
     constants = np.arange(identification.model.n_parameters, shaped.n_columns)
-    data = shaped.select(np.concatenate([kept, constants]))
+    data = shaped.select(np.concatenate([essential, constants]))
     looked = looked_at_shapes(identification.model, solution, choices.covariance, data)
     return None if looked is None else looked.of_parameters
 
 
 def _of_kept(
-    equations: Reduction, full: Solution, kept: NDArray[np.intp], covariance: CovarianceName
+    equations: Reduction, full: Solution, essential: NDArray[np.intp], covariance: CovarianceName
 ) -> tuple[Solution, Statistics]:
+    """Solve for the essential parameters alone, numbered in `essential`."""
     known = full.known
     if known is not None:
-        known = Information(known.factor[:, kept], known.right)
-    smaller = equations.select(kept)
+        known = Information(known.factor[:, essential], known.right)
+    smaller = equations.select(essential)
     solution = solve(smaller, full.noise, known)
     return solution, statistics(smaller, solution, covariance)

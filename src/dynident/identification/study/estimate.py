@@ -1,4 +1,4 @@
-"""What was estimated: the parameters of a model and how sure they are. It predicts torque without any data."""
+"""The estimated parameters of a model and their uncertainty: enough to predict torque without any data."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class IdentifiedParameter:
 
     @property
     def well_identified(self) -> bool:
-        """Whether the data determine it."""
+        """Whether the data determine the parameter."""
         return self.judgement == "determined"
 
 
@@ -97,7 +97,22 @@ class Estimate:
         not_essential: tuple[int, ...] = (),
         shape_constants: tuple[ShapeConstant, ...] = (),
     ) -> Estimate:
-        """A solution with what its data say of it beside the statistics."""
+        """Return the estimate of a solution, with the noise of every joint and what is owed to prior knowledge.
+
+        Parameters
+        ----------
+        model : Model
+        data : ReducedData
+        reference : ReferenceParameters
+            What the torque in the model's columns was predicted with.
+        solution : Solution
+            Parameters (b,).
+        statistics : Statistics
+        standard : StandardParameters, optional
+        not_essential : tuple of int
+            Numbers of parameters that were set to zero.
+        shape_constants : tuple of ShapeConstant
+        """
         noise = statistics.noise if data.all_rows_alike else noise_of_rows(data.training, solution.values)
         # A joint without rows has no residual, and what is divided by its noise must stay a number.
         noise = floored(noise)
@@ -116,8 +131,10 @@ class Estimate:
     def parameters(self) -> tuple[IdentifiedParameter, ...]:
         """The base parameters in the order of the model."""
         relative = self.statistics.relative_standard_deviations(self.values)
+        # A parameter that a prior fixes exactly has no deviation; dividing by it would make all others infinite.
         smallest = max(float(np.min(relative, initial=inf)), _EXACT)
         deviations = self.statistics.standard_deviations
+        # Half-widths by Student's t: few independent samples give wider intervals than a normal distribution.
         half = self.statistics.half_widths()
         return tuple(
             IdentifiedParameter(
@@ -141,11 +158,15 @@ class Estimate:
         )
 
     def standard_inertia(self) -> FloatArray:
-        """Standard inertial parameters (10 n,) that give the same torque; feasible ones where they were solved for."""
+        """Return standard inertial parameters (10 n,) that give the same torque.
+
+        They are the feasible ones where the estimator solved for these.
+        """
+        # Feasible parameters are one of many solutions with the same torque; without them the model chooses one.
         if self.standard is not None and any(role_of(column) == "link" for column in self.model.columns):
             return self.standard.inertias(self.model).reshape(-1)
         return self.model.standard_inertia(self.values)
 
     def next_reference(self) -> ReferenceParameters:
-        """What later models' loads and motor torques are predicted with, from these parameters."""
+        """Return the parameters that later models' loads and motor torques are predicted with."""
         return self.model.reference(self.values)

@@ -1,7 +1,7 @@
-"""The band of frequencies that a model explains, where the filters that the motion asks for let in far more torque.
+"""Find the frequency band that a model explains, where the filters chosen for the motion let in far more torque.
 
-What gives between an encoder and a link (a soft joint, a belt) and a clock that trembles spoil accelerations from some
-frequency on. A spectrum does not tell that from motion: a model does, that explains the torque below and not above.
+A soft joint or a belt between encoder and link, and a clock with jitter, spoil accelerations above some frequency. A
+spectrum cannot tell that from motion. A model can: it explains the torque below that frequency and not above it.
 """
 
 from __future__ import annotations
@@ -36,41 +36,50 @@ _BETTER = 0.7
 """Share of the error that may be left: a band in which the model is wrong as well is no better one."""
 
 
-def narrow_band(found: Identification, recordings: Sequence[Recording]) -> tuple[Preprocessing, str] | None:
+def narrow_band(identification: Identification, recordings: Sequence[Recording]) -> tuple[Preprocessing, str] | None:
     """Find narrower filters where the model explains the torque below some frequency and not above it.
 
     Parameters
     ----------
-    found : Identification
+    identification : Identification
         With the filters that were chosen from the motion and its noise.
     recordings : sequence of Recording
         What it was identified from.
 
     Returns
     -------
-    The filters and a sentence about them, or None where the fit is good enough, or no better in a narrower band.
+    tuple of Preprocessing and str, or None
+        The filters and a sentence about them; None where the fit is good enough, or no better in a narrower band.
     """
-    chosen = found.preprocessing
-    if found.fit.relative_total <= POOR_FIT or chosen.torque_cutoff is None or not found.choices.rows.by_joint:
+    chosen = identification.preprocessing
+    if (
+        identification.fit.relative_total <= POOR_FIT
+        or chosen.torque_cutoff is None
+        or not identification.choices.rows.by_joint
+    ):
         return None
-    reference = found.estimate.reference
-    tried = [chosen]
-    while (tried[-1].torque_cutoff or 0.0) / 2.0 >= _NARROWEST:
-        tried.append(_narrower(chosen, (tried[-1].torque_cutoff or 0.0) / 2.0, recordings))
+    reference = identification.estimate.reference
+    # Halve the cut-off until nothing narrower is sensible: about five candidates, a few passes over the data each.
+    bands = [chosen]
+    while (bands[-1].torque_cutoff or 0.0) / 2.0 >= _NARROWEST:
+        bands.append(_narrower(chosen, (bands[-1].torque_cutoff or 0.0) / 2.0, recordings))
     torque = _TorqueSpectrum.of(recordings)
-    errors = {one: _error(found, recordings, one, reference) for one in tried}
-    best = min(errors, key=lambda one: torque.measure_missed(one, errors[one]))
+    errors = {band: _error(identification, recordings, band, reference) for band in bands}
+    # A lower cut-off always leaves a smaller share of the torque below it. So the torque above the cut-off counts as
+    # missed, which makes errors at different cut-offs comparable.
+    best = min(errors, key=lambda band: torque.measure_missed(band, errors[band]))
+    # Refine by half an octave to both sides of the best octave.
     for factor in (2.0**0.5, 0.5**0.5):
         cutoff = (best.torque_cutoff or 0.0) * factor
         if _NARROWEST <= cutoff < chosen.torque_cutoff:
             near = _narrower(chosen, cutoff, recordings)
-            errors[near] = _error(found, recordings, near, reference)
-    narrow = min(errors, key=lambda one: torque.measure_missed(one, errors[one]))
-    left, before = errors[narrow], errors[chosen]
-    if narrow == chosen or left > _BETTER * before:
+            errors[near] = _error(identification, recordings, near, reference)
+    narrow = min(errors, key=lambda band: torque.measure_missed(band, errors[band]))
+    share_left, before = errors[narrow], errors[chosen]
+    if narrow == chosen or share_left > _BETTER * before:
         return None
     why = (
-        f"Below {narrow.torque_cutoff:g} Hz the model leaves {left:.0%} of the torque, with all up to "
+        f"Below {narrow.torque_cutoff:g} Hz the model leaves {share_left:.0%} of the torque, with all up to "
         f"{chosen.torque_cutoff:g} Hz {before:.0%}: something gives, a joint or a belt, or the clock trembles. It is "
         f"identified below {narrow.torque_cutoff:g} Hz."
     )
@@ -78,7 +87,7 @@ def narrow_band(found: Identification, recordings: Sequence[Recording]) -> tuple
 
 
 def _narrower(chosen: Preprocessing, cutoff: float, recordings: Sequence[Recording]) -> Preprocessing:
-    """The same with both filters at a lower frequency, to two digits, and rows as far apart as they then may be."""
+    """Return the filters with lower cut-offs, rounded to two digits, and the decimation that goes with them."""
     digits = 1 - floor(log10(cutoff))
     cutoff = round(cutoff, digits)
     rate = min(recording.sampling_rate for recording in recordings)
@@ -87,10 +96,10 @@ def _narrower(chosen: Preprocessing, cutoff: float, recordings: Sequence[Recordi
 
 
 def _error(
-    found: Identification, recordings: Sequence[Recording], band: Preprocessing, reference: ReferenceParameters
+    identification: Identification, recordings: Sequence[Recording], band: Preprocessing, reference: ReferenceParameters
 ) -> float:
-    """The share of the torque below the cut-off that the model leaves; all of it where it is not determined."""
-    reduction = reduce_recordings(found.model.observation, recordings, band, reference)
+    """Return the share of the torque below the cut-off that the model leaves; 1 where it is not determined."""
+    reduction = reduce_recordings(identification.model.observation, recordings, band, reference)
     try:
         return fitted_errors(reduction, weighted(reduction).values).relative_total
     except EstimationError:
@@ -99,7 +108,10 @@ def _error(
 
 @dataclass(frozen=True, eq=False)
 class _TorqueSpectrum:
-    """Squared torque of all joints: its mean over the recordings, and how much of it lies at each `frequency` (k,)."""
+    """Spectrum of the squared torque of all joints.
+
+    `total` is its mean over the recordings, `power` (k,) the part of it at each `frequency` (k,).
+    """
 
     frequency: FloatArray
     power: FloatArray
@@ -107,16 +119,16 @@ class _TorqueSpectrum:
 
     @classmethod
     def of(cls, recordings: Sequence[Recording]) -> _TorqueSpectrum:
-        """The mean of all recordings, each for its samples."""
+        """Return the mean spectrum of all recordings, each weighted by its number of samples."""
         frequency = np.linspace(0.0, 0.5 * max(recording.sampling_rate for recording in recordings), _FREQUENCIES)
         power, total, count = np.zeros(_FREQUENCIES), 0.0, sum(recording.n_samples for recording in recordings)
         for recording in recordings:
-            share, found = recording.n_samples / count, spectra(recording)
-            power += share * np.interp(frequency, found.frequency, found.torque.sum(axis=1), right=0.0)
-            total += share * found.torque_squared
+            share, spectrum = recording.n_samples / count, spectra(recording)
+            power += share * np.interp(frequency, spectrum.frequency, spectrum.torque.sum(axis=1), right=0.0)
+            total += share * spectrum.torque_squared
         return cls(frequency, power * float(frequency[1]), total)
 
     def measure_missed(self, band: Preprocessing, error: float) -> float:
-        """Mean squared torque that a model does not explain: what it leaves below the cut-off, and all above it."""
+        """Return the mean squared torque that a model misses: what it leaves below the cut-off, and all above it."""
         above = float(self.power[self.frequency > (band.torque_cutoff or np.inf)].sum())
         return error**2 * max(self.total - above, 0.0) + above

@@ -1,4 +1,4 @@
-"""Effects added to an identified model, on the data that it was identified from."""
+"""Add effects to an identified model, on the data that it was identified from."""
 
 from __future__ import annotations
 
@@ -30,14 +30,30 @@ def extend(
     validation: Sequence[Recording] = (),
     progress: Progress = silent,
 ) -> Identification:
-    """Add effects to an identified model, one rung of the ladder each, on the data it was identified from.
+    """Add effects to an identified model, one step of the ladder each, on the data it was identified from.
 
-    The last rung is given; those below it are its parents. An effect that adds nothing to those before it gets none.
+    The last step is returned; those below it are its parents. An effect that adds nothing to those before it gets none.
+
+    Parameters
+    ----------
+    identification : Identification
+    added : sequence of EffectChoice
+        Shape constants that are left open are found from the data.
+    recordings : sequence of Recording
+        Those that the model was identified from.
+    validation : sequence of Recording
+        Data that no parameter sees.
+    progress : Progress
+
+    Returns
+    -------
+    Identification
+        The model with all the effects that add something.
 
     Raises
     ------
     DynidentError
-        Where nothing would be added.
+        Where nothing would be added, or the recordings are not those of the model.
     """
     new = tuple(choice for choice in added if choice not in identification.choices.effects)
     if not new:
@@ -49,14 +65,15 @@ def extend(
     check_same_recordings(identification, recordings)
     if are_poses(recordings, validation):
         return _extended_at_rest(identification, new, recordings, validation)
+    # One effect after the other, so that each step of the ladder shows what its effect is worth.
     grown, idle = identification, []
     for number, choice in enumerate(new):
-        told = part(progress, number / len(new), (number + 1) / len(new))
-        found = _with_one_more(grown, choice, recordings, validation, told)
-        if found is None:
+        step_progress = part(progress, number / len(new), (number + 1) / len(new))
+        larger = _with_one_more(grown, choice, recordings, validation, step_progress)
+        if larger is None:
             idle.append(choice.effect)
         else:
-            grown = found
+            grown = larger
     if grown is identification:
         raise DynidentError(
             f"{', '.join(idle)} adds nothing: its columns are combinations of those in the model",
@@ -76,7 +93,19 @@ def extend_at_once(
     recordings: Sequence[Recording],
     progress: Progress = silent,
 ) -> Identification:
-    """The model with several effects, whose shape constants are known, as one rung: without those between.
+    """Add several effects, whose shape constants are known, as one step of the ladder.
+
+    Parameters
+    ----------
+    identification : Identification
+    added : sequence of EffectChoice
+    recordings : sequence of Recording
+        Those that the model was identified from.
+    progress : Progress
+
+    Returns
+    -------
+    Identification
 
     Raises
     ------
@@ -95,7 +124,7 @@ def _extended_at_rest(
     recordings: Sequence[Recording],
     validation: Sequence[Recording],
 ) -> Identification:
-    """A model of poses with more effects, as one rung.
+    """Return a model of poses with more effects, as one step.
 
     Raises
     ------
@@ -121,7 +150,7 @@ def _with_one_more(
     validation: Sequence[Recording],
     progress: Progress,
 ) -> Identification | None:
-    """The model with one more effect in it; None where its columns are combinations of those that it has."""
+    """Add one effect; None where its columns are combinations of those that the model has."""
     new = complete_shapes(
         identification.model,
         (added,),
@@ -132,17 +161,19 @@ def _with_one_more(
         identification.in_memory.training,
     )
     looked_for = any(is_open(choice, validation) for choice in new)
-    told = part(progress, 0.5, 0.75 if looked_for else 1.0)
-    grown = _identified_with(identification, new, recordings, validation, told)
+    fit_progress = part(progress, 0.5, 0.75 if looked_for else 1.0)
+    grown = _identified_with(identification, new, recordings, validation, fit_progress)
     if grown is None or not looked_for:
         return grown
-    found = carrying(grown, identification.model, new, validation)
-    if not found:
+    # A first fit leaves the effect out of the held-out runs. Where it shows in some of them it is fitted once more,
+    # so that the held-out error is not that of a missing load.
+    findings = carrying(grown, identification.model, new, validation)
+    if not findings:
         return grown
-    more = tuple(one.run for one in found)
+    more = tuple(finding.run for finding in findings)
     carried = tuple(replace(choice, runs=choice.runs + more) if choice.runs else choice for choice in new)
     grown = _identified_with(identification, carried, recordings, validation, part(progress, 0.75, 1.0))
-    return grown and replace(grown, warnings=(note_of(new, found), *grown.warnings))
+    return grown and replace(grown, warnings=(note_of(new, findings), *grown.warnings))
 
 
 def _identified_with(

@@ -1,4 +1,4 @@
-"""The parameters of a model that is built already, from recordings, with everything decided."""
+"""Identify the parameters of a model that is built already, with everything decided."""
 
 from __future__ import annotations
 
@@ -35,11 +35,28 @@ def identify_model(
 
     Parameters
     ----------
+    model : Model
+    recordings, validation : sequence of Recording
+        Data that parameters are fitted to, and data that no parameter sees.
+    choices : IdentificationChoices
+    preprocessing : Preprocessing
+        Filters for all recordings.
     reference : ReferenceParameters
         What torque is predicted with; any where no effect needs the load.
+    progress : Progress
     known : RowsInMemory, optional
         Of a model that this one extends, for the same recordings and validation data.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    DynidentError
+        Where the data do not determine the parameters.
     """
+    # Progress by the number of recordings: reducing them takes nearly all of the time.
     share = 0.9 * len(recordings) / (len(recordings) + len(validation))
     training = reduced(
         model, choices.rows_asked, recordings, preprocessing, reference, part(progress, 0.0, share), known.training
@@ -48,24 +65,25 @@ def identify_model(
     if validation:
         held_out = torque_of(model, validation, preprocessing, reference, part(progress, share, 0.9), known.held_out)
     progress(0.9, "solving")
-    told = part(progress, 0.9, 1.0)
+    solve_progress = part(progress, 0.9, 1.0)
 
-    def shaped(values: FloatArray) -> Reduction | None:
+    def reduce_shapes(values: FloatArray) -> Reduction | None:
         places = shape_places(model.effects)
         if not places:
             return None
         columns = shape_columns(model, values, places)
         ordinary = training.recordings
-        return reduce_with_more(model, columns, ordinary, preprocessing, reference, told, training.rows)
+        return reduce_with_more(model, columns, ordinary, preprocessing, reference, solve_progress, training.rows)
 
     data = ReducedData(
         training.equations,
         training.torque,
+        # Held-out errors count every row alike, so that they can be compared between models with other weights.
         None if held_out is None else held_out.torque.without_weights,
         None,
         preprocessing,
         tuple(recording.name for recording in recordings),
         tuple(recording.name for recording in validation),
     )
-    found = conclude(model, choices, training, data, shaped=shaped)
-    return replace(found, in_memory=RowsInMemory(training.rows, None if held_out is None else held_out.rows))
+    identified = conclude(model, choices, training, data, shaped=reduce_shapes)
+    return replace(identified, in_memory=RowsInMemory(training.rows, None if held_out is None else held_out.rows))

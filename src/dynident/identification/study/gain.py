@@ -1,4 +1,4 @@
-"""Whether what was added to a model helps on data that no parameter saw."""
+"""Decide whether what was added to a model helps on data that no parameter saw."""
 
 from __future__ import annotations
 
@@ -22,45 +22,49 @@ _ROUNDING = 1.0 + 1e-6
 
 
 def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
-    """Where an addition does not survive held-out data, or not surely, or where a joint got worse by it.
+    """Return warnings where an addition does not help on held-out data, or not surely, or where a joint got worse.
 
     Parameters
     ----------
     grown : Identification
         With the step from the model that was added to.
+
+    Returns
+    -------
+    tuple of str
     """
     parent = grown.step.parent
     if parent is None or grown.held_out is None or parent.held_out is None:
         return ()
-    what = " and ".join(dict.fromkeys(effect_by_id(choice.effect).title for choice in grown.step.added))
+    titles = " and ".join(dict.fromkeys(effect_by_id(choice.effect).title for choice in grown.step.added))
     before, after = parent.held_out.relative_total, grown.held_out.relative_total
-    found = []
+    sentences = []
     t = _t_of_gain(parent, grown)
     errors = f"on recordings that no parameter saw the error goes from {before:.2%} to {after:.2%}"
     if t < _CHANCE or after >= before:
         by_chance = ", no more than chance would do" if t > -_CHANCE else ""
-        found.append(
-            f"{what} does not survive held-out data: {errors} (t = {t:.1f}){by_chance}. Remove it unless you know that "
-            "it is there."
+        sentences.append(
+            f"{titles} does not survive held-out data: {errors} (t = {t:.1f}){by_chance}. Remove it unless you know "
+            "that it is there."
         )
     elif t < SURE:
-        found.append(
-            f"{what} helps, but not surely: {errors}, unevenly over the motion (t = {t:.2f}, where {SURE:g} would be "
+        sentences.append(
+            f"{titles} helps, but not surely: {errors}, unevenly over the motion (t = {t:.2f}, where {SURE:g} would be "
             "sure). Hold out another motion before you rely on it."
         )
     names = grown.model.robot.joint_names
     old, new = parent.held_out.relative, grown.held_out.relative
     worse = [f"{name} ({old[j]:.2%} to {new[j]:.2%})" for j, name in enumerate(names) if new[j] > _WORSE * old[j]]
     if worse:
-        found.append(f"With {what} the held-out error is larger on {', '.join(worse)}.")
-    return tuple(found)
+        sentences.append(f"With {titles} the held-out error is larger on {', '.join(worse)}.")
+    return tuple(sentences)
 
 
 @dataclass(frozen=True)
 class BestRung:
-    """The rung of a ladder with the smallest held-out error, and those after it that raise that error.
+    """The step of a ladder with the smallest held-out error, and those after it that raise that error.
 
-    Indices count from the first model of the ladder; `rises` names each rung above the best one whose held-out error is
+    Indices count from the first model of the ladder; `rises` names each step above the best one whose held-out error is
     larger than the best one's.
     """
 
@@ -69,13 +73,33 @@ class BestRung:
 
 
 def best_rung(models: Sequence[Identification]) -> BestRung | None:
-    """Which model of a ladder predicts held-out data best; None where one of them was not tried on any."""
+    """Return the model of a ladder that predicts held-out data best; None where one of them has no held-out error.
+
+    Parameters
+    ----------
+    models : sequence of Identification
+        The ladder, first model first.
+
+    Returns
+    -------
+    BestRung or None
+    """
     totals = [model.held_out.relative_total for model in models if model.held_out is not None]
     return best_of(totals) if len(totals) == len(models) else None
 
 
 def best_of(totals: Sequence[float]) -> BestRung | None:
-    """The same from the held-out errors of a ladder's models, over all joints; None where there are none."""
+    """Return the best step by the held-out errors of a ladder's models, over all joints; None where there are none.
+
+    Parameters
+    ----------
+    totals : sequence of float
+        Held-out errors, the first model's first.
+
+    Returns
+    -------
+    BestRung or None
+    """
     if not totals:
         return None
     best = int(np.argmin(totals))
@@ -83,7 +107,9 @@ def best_of(totals: Sequence[float]) -> BestRung | None:
 
 
 def _t_of_gain(parent: Identification, grown: Identification) -> float:
-    """t of the drop of the held-out squared error over stretches of time, all joints in units of their noise."""
+    """Return t of the drop of the squared held-out error over blocks of time, all joints in units of their noise."""
+    # Both models are measured in the parent's noise: in its own, the better model would be judged by the stricter
+    # rule.
     before, after = _stretch_errors(parent, parent.noise), _stretch_errors(grown, parent.noise)
     if len(before) != len(after) or len(before) < _FEWEST:
         # Held-out data of another kind: nothing to compare stretch by stretch.
@@ -92,19 +118,38 @@ def _t_of_gain(parent: Identification, grown: Identification) -> float:
 
 
 def t_of(gains: FloatArray) -> float:
-    """t of what was gained in every stretch (s,) of time; 0 where all gain the same, or there is one alone."""
+    """Return t of the gains (s,) in blocks of time; 0 where all gain the same, or there is one alone.
+
+    Parameters
+    ----------
+    gains : (s,)
+        Drop of the squared error in every block.
+
+    Returns
+    -------
+    float
+        The mean gain over its standard error.
+    """
     spread = float(gains.std(ddof=1)) if len(gains) > 1 else 0.0
     return float(gains.mean() / spread * np.sqrt(len(gains))) if spread > 0 else 0.0
 
 
 def _stretch_errors(model: Identification, noise: FloatArray) -> FloatArray:
-    """(s,): squared held-out error of every stretch, each joint in units of its noise (n,)."""
+    """Return the squared held-out error of every block (s,), each joint in units of its noise (n,)."""
     held_out = model.data.held_out
     return np.zeros(0) if held_out is None else stretch_squares(held_out, model.values, noise)
 
 
 def stretch_squares(data: Reduction, values: FloatArray, noise: FloatArray) -> FloatArray:
-    """(s,): squared error of every stretch for parameters (b,), each joint in units of its noise (n,)."""
+    """Return the squared error of every block of time (s,) for parameters (b,), each joint in units of its noise (n,).
+
+    Parameters
+    ----------
+    data : Reduction
+    values : (b,)
+    noise : (n,)
+        Standard deviation of each joint's residual; 0 counts as 1.
+    """
     parts: Sequence[FloatArray] = [
         equation.squares(values) / sigma**2
         for equation, sigma in zip(data.equations, np.where(noise > 0, noise, 1.0), strict=True)

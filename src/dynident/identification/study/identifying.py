@@ -1,4 +1,4 @@
-"""From recordings to an identified model: everything that the choices leave open is found, then it is solved."""
+"""Identify a model from recordings: find what the choices leave open, then solve."""
 
 from __future__ import annotations
 
@@ -31,7 +31,13 @@ from dynident.threads import single_threaded
 
 
 def without_unrecorded_torques(robot: Robot, recordings: Sequence[Recording]) -> Robot:
-    """Give the robot as a model of it can be identified: what no recording has the torque for is left out."""
+    """Return the robot with the joints marked for which no recording has the torque.
+
+    Parameters
+    ----------
+    robot : Robot
+    recordings : sequence of Recording
+    """
     recorded = np.any([recording.has_torque for recording in recordings], axis=0)
     names = tuple(name for name, known in zip(robot.joint_names, recorded, strict=True) if not known)
     return replace(robot, joints_without_torque=names) if names != robot.joints_without_torque else robot
@@ -56,6 +62,11 @@ def identify(
     validation : sequence of Recording
         Data that no parameter sees; the held-out errors come from them.
     choices : IdentificationChoices, optional
+    progress : Progress
+
+    Returns
+    -------
+    Identification
 
     Raises
     ------
@@ -63,10 +74,10 @@ def identify(
         Where the choices do not fit the robot or the data do not determine the parameters.
     """
     progress = ascending(progress)  # a narrower band is identified in once more
-    given = choices = choices or IdentificationChoices()
+    requested = choices = choices or IdentificationChoices()
     check_recordings(robot, recordings, validation)
     if are_poses(recordings, validation):
-        return identify_poses(robot, recordings, validation, given)
+        return identify_poses(robot, recordings, validation, requested)
     check_temperature(choices.effects, recordings, validation)
     check_runs(choices.effects, recordings, validation)
     ordinary, _ = motions_and_friction(recordings)
@@ -78,11 +89,13 @@ def identify(
     effects, reference = prepared(robot, choices, ordinary, preprocessing, part(progress, 0.0, 0.5))
     choices = replace(choices, effects=effects, pole=rows.pole, interval=rows.interval)
     model = build_model(robot, choices.effects, tolerance=choices.tolerance)
-    told = part(progress, 0.5, 1.0)
-    found = identify_model(model, recordings, validation, choices, preprocessing, reference, told)
-    narrow = None if given.preprocessing else narrow_band(found, ordinary)
+    fit_progress = part(progress, 0.5, 1.0)
+    identified = identify_model(model, recordings, validation, choices, preprocessing, reference, fit_progress)
+    # Whether the filters let in torque that no rigid model explains shows only after a fit. Filters that the user
+    # gave are not changed.
+    narrow = None if requested.preprocessing else narrow_band(identified, ordinary)
     if narrow is not None:
         band, why = narrow
-        found = identify(robot, recordings, validation, replace(given, preprocessing=band), progress)
-        return replace(found, warnings=(why, *found.warnings))
-    return with_samples(found, recordings, validation)
+        identified = identify(robot, recordings, validation, replace(requested, preprocessing=band), progress)
+        return replace(identified, warnings=(why, *identified.warnings))
+    return with_samples(identified, recordings, validation)

@@ -1,4 +1,4 @@
-"""What an identification keeps beside what it found, so that an extension costs one pass less."""
+"""Filtered rows that an identification keeps in memory, so that an extension costs one pass less."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ def check_determined_base(model: Model, arrays: Mapping[str, NDArray[np.generic]
 
 
 def other_parameters() -> DynidentError:
-    """Say that this version gives the effects of a model other parameters than it has."""
+    """Return the error that this version gives the effects of a model other parameters than it has."""
     detail = "the effects of this model have other parameters in this version; identify it again from its recordings"
     return DynidentError(detail, title="Model of another version")
 
@@ -97,13 +97,15 @@ def _format_number(header: Mapping[str, Any]) -> int:
 
 def _ladder_of_the_first_format(arrays: Arrays) -> list[Arrays]:
     ladder = [arrays]
+    # Each file holds the model below it, so the ladder is read from its top.
     while "parent" in ladder[-1]:
         parent = _load(ladder[-1].pop("parent").tobytes())
         if _format_number(_header(parent)) != 1:
             raise ValueError("a model of another format inside one of the first")
         ladder.append(parent)
-    for one in ladder:
-        for name, array in one.items():
+    for model in ladder:
+        for name, array in model.items():
             if re.fullmatch(r"(training|held_out_data)_\d+_factors", name):
-                one[name] = array[:, *np.triu_indices(array.shape[-1])]
+                # The first format stored whole square factors; only the upper triangle holds numbers.
+                model[name] = array[:, *np.triu_indices(array.shape[-1])]
     return ladder[::-1]

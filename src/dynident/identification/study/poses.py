@@ -1,8 +1,8 @@
-"""Gravity and constant torques identified from poses at which the robot stands: W without velocities and accelerations.
+"""Identify gravity and constant torques from poses at rest: W without velocities and accelerations.
 
-What holds a joint that stands is between both directions of its static friction, so that a single pose tells the torque
-of gravity to within that band. Over many poses, or where each is approached from both sides, it averages out; what is
-left is told as the band.
+The torque that holds a standing joint lies anywhere between both directions of its static friction. So a single pose
+tells the torque of gravity only to within that band. Over many poses, or where each is approached from both sides, it
+averages out. The residual that remains is reported as the band.
 """
 
 from __future__ import annotations
@@ -36,18 +36,23 @@ _MOST_STRETCHES = 100
 
 
 def are_poses(recordings: Sequence[Recording], validation: Sequence[Recording]) -> bool:
-    """Whether recordings are of poses.
+    """Tell whether recordings are of poses.
+
+    Parameters
+    ----------
+    recordings, validation : sequence of Recording
 
     Raises
     ------
     DynidentError
-        Where some are, and others are of motions.
+        Where some are of poses, and others of motions.
     """
     everything = (*recordings, *validation)
     of_poses = [recording for recording in everything if is_of_poses(recording)]
+    names = ", ".join(recording.name for recording in of_poses)
     if of_poses and len(of_poses) < len(everything):
         raise DynidentError(
-            f"{', '.join(one.name for one in of_poses)} are poses at rest, the others motions: identify gravity from "
+            f"{names} are poses at rest, the others motions: identify gravity from "
             "poses alone, held out by poses, and the dynamics from motions",
             pointer="/measurement_ids",
             title="Poses beside motions",
@@ -68,16 +73,23 @@ def identify_poses(
     choices : IdentificationChoices
         Of its effects those that act at rest are identified.
 
+    Returns
+    -------
+    Identification
+        Its warnings say which effects were left out, and how wide the band of static friction is.
+
     Raises
     ------
     DynidentError
         Where none of the effects acts at rest, or the poses do not determine their parameters.
     """
     effects = tuple(choice for choice in choices.effects if choice.effect in ACTING_AT_REST)
+    # Without gravity of the links nothing else at rest has a meaning.
     if not any(choice.effect == LINKS.effect for choice in effects):
         raise DynidentError(
             f"poses at rest show {', '.join(ACTING_AT_REST)}: choose {LINKS.effect} at least", pointer="/effects"
         )
+    # Nothing is filtered at rest; the filters are stored so that the file has the form of every other model.
     filters = choose_preprocessing(recordings)
     own = replace(
         choices, effects=effects, model="dynamic", strategy="global", preprocessing=filters, weigh_turns=False
@@ -94,36 +106,55 @@ def identify_poses(
         tuple(recording.name for recording in recordings),
         tuple(recording.name for recording in validation),
     )
-    found = conclude(model, own, data, reduced)
-    return replace(found, warnings=(*_sentences(found, choices.effects), *found.warnings))
+    identified = conclude(model, own, data, reduced)
+    return replace(identified, warnings=(*_sentences(identified, choices.effects), *identified.warnings))
 
 
 def model_at_rest(robot: Robot, effects: Sequence[EffectChoice], tolerance: float) -> Model:
-    """Build the model whose base parameters are those that show while the robot stands."""
+    """Build the model whose base parameters are those that show while the robot stands.
+
+    Parameters
+    ----------
+    robot : Robot
+    effects : sequence of EffectChoice
+        Such as act at rest.
+    tolerance : float
+        Which columns count as dependent.
+    """
     signals = Signals(robot)
     base = base_parameters(robot, columns_of(effects, signals), signals, tolerance=tolerance, at_rest=True)
     return build_model(robot, effects, tolerance=tolerance, signals=signals, base=base)
 
 
 def reduce_poses(model: Model, recordings: Sequence[Recording]) -> Reduction:
-    """Fold the equations of all poses, each a stretch of its own as far as there are not too many."""
+    """Reduce the equations of all poses to factors, each pose a block of its own unless there are too many.
+
+    Parameters
+    ----------
+    model : Model
+        Of a robot at rest.
+    recordings : sequence of Recording
+        Of poses.
+    """
     observation = model.observation
     layout = [observation.joint_entries(joint) for joint in range(model.robot.n)]
     accumulator = FactorAccumulator([columns for _, columns in layout], observation.n_columns, np.inf)
     parts = [pose_rows(recording) for recording in recordings]
+    # Poses have no time between them, so a pose is a block of the covariance. Several share one where there are more
+    # than a hundred, which bounds the size of the factors.
     size = -(-sum(len(t) for t, _, _ in parts) // _MOST_STRETCHES)
     for t, q, tau in parts:
         entries = entries_at_rest(model, q)
         rows = [np.column_stack([entries[:, places], tau[:, joint]]) for joint, (places, _) in enumerate(layout)]
         for first in range(0, len(t), size):
             own = slice(first, first + size)
-            accumulator.push(t[own], [one[own] for one in rows])
+            accumulator.push(t[own], [equation[own] for equation in rows])
             accumulator.end_stretch()
     return accumulator.finish()
 
 
 def entries_at_rest(model: Model, q: FloatArray) -> FloatArray:
-    """Entries of W (m, k) at positions (m, n), without velocity and acceleration."""
+    """Return the entries of W (m, k) at positions (m, n), without velocity and acceleration."""
     still = np.zeros_like(q)
     memory = np.zeros((len(q), model.observation.n_memory))
     reference = ReferenceParameters.nothing(model.robot)
@@ -136,7 +167,19 @@ def _gravity_model(robot: Robot) -> Model:
 
 
 def left_at_rest(robot: Robot, q: FloatArray, tau: FloatArray) -> float:
-    """Share of the torque (m, n) at poses (m, n) in rad or m that gravity and offsets of this robot leave."""
+    """Return the share of the torque that gravity and offsets of this robot leave at poses.
+
+    Parameters
+    ----------
+    robot : Robot
+    q, tau : (m, n)
+        Positions in rad or m, and torques.
+
+    Returns
+    -------
+    float
+        Norm of the residual over that of the torque.
+    """
     model = _gravity_model(robot)
     entries = entries_at_rest(model, q)
     w = np.zeros((len(q), robot.n, model.n_parameters))
@@ -147,17 +190,17 @@ def left_at_rest(robot: Robot, q: FloatArray, tau: FloatArray) -> float:
     return float(np.linalg.norm(y - rows @ solved) / max(np.linalg.norm(y), np.finfo(float).tiny))
 
 
-def _sentences(found: Identification, asked: Sequence[EffectChoice]) -> tuple[str, ...]:
-    """What such data tell, and within which band friction holds the joints."""
-    robot = found.model.robot
-    band = NORMAL_95 * found.fit.rms
+def _sentences(identified: Identification, requested: Sequence[EffectChoice]) -> tuple[str, ...]:
+    """Describe what such data tell, and the band within which friction holds the joints."""
+    robot = identified.model.robot
+    band = NORMAL_95 * identified.fit.rms
     each = ", ".join(
         f"{joint.name} ±{size:.2g} {joint.effort_unit}" for joint, size in zip(robot.joints, band, strict=True)
     )
-    dropped = [choice.effect for choice in asked if choice.effect not in ACTING_AT_REST]
+    dropped = [choice.effect for choice in requested if choice.effect not in ACTING_AT_REST]
     left_out = f" {', '.join(dropped)} show in motion alone and are left out." if dropped else ""
     return (
-        f"These are {int(found.fit.counts.max())} poses at rest: they tell the torque of gravity and constant torques, "
-        f"and nothing of inertia or friction in motion.{left_out} Record a motion for the dynamics.",
+        f"These are {int(identified.fit.counts.max())} poses at rest: they tell the torque of gravity and constant "
+        f"torques, and nothing of inertia or friction in motion.{left_out} Record a motion for the dynamics.",
         f"Static friction and noise are within a band about the model: {each} (95 % of the poses).",
     )

@@ -1,4 +1,4 @@
-"""The torque that an identified model predicts, with its interval."""
+"""Predict the torque of an identified model, with its interval."""
 
 from __future__ import annotations
 
@@ -35,7 +35,19 @@ class PredictedTorque:
 def predict(
     estimate: Estimate, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, level: float = 0.95
 ) -> PredictedTorque:
-    """Predict torque along a motion q, dq, ddq (m, n each; rad or m), in its order: hysteresis remembers the path.
+    """Predict torque along a motion, in its order: hysteresis remembers the path.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    q, dq, ddq : (m, n)
+        Positions, velocities and accelerations, in rad or m and s.
+    level : float
+        Probability of the intervals.
+
+    Returns
+    -------
+    PredictedTorque
 
     Raises
     ------
@@ -53,22 +65,30 @@ def predict(
     )
     torque = observation.torque(entries, estimate.values)
     deviation = prediction_deviation(observation, entries, estimate.statistics.covariance)
-    found = estimate.statistics
-    quantile, of_noise = stdtrit([found.usual_freedom, found.effective_rows.sum()], 0.5 + 0.5 * level)
+    statistics = estimate.statistics
+    # Parameters and noise have different degrees of freedom, so each has a quantile of Student's t of its own.
+    quantile, of_noise = stdtrit([statistics.usual_freedom, statistics.effective_rows.sum()], 0.5 + 0.5 * level)
     mean = quantile * deviation
     return PredictedTorque(torque, mean, np.hypot(mean, of_noise * estimate.noise), level)
 
 
 def prediction_deviation(observation: Observation, entries: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Standard deviation (m, n) of predicted torque that parameters with this covariance (b, b) cause.
+    """Return the standard deviation (m, n) of predicted torque that the uncertainty of parameters causes.
 
-    Entries (m, number of entries) as an evaluation of the observation matrix gives them, filtered or not.
+    Parameters
+    ----------
+    observation : Observation
+    entries : (m, k)
+        As an evaluation of the observation matrix gives them, filtered or not.
+    covariance : (b, b)
+        Of the parameters.
     """
     deviation = np.empty((len(entries), observation.robot.n))
     for joint in range(observation.robot.n):
         positions, columns = observation.joint_entries(joint)
         row = entries[:, positions]
         variance = np.einsum("ij,jk,ik->i", row, covariance[np.ix_(columns, columns)], row, optimize=True)
+        # Rounding may take a variance that is nearly zero below it.
         deviation[:, joint] = np.sqrt(np.maximum(variance, 0.0))
     return deviation
 

@@ -1,4 +1,4 @@
-"""What the effects of a model leave open, from a first fit without those that leave it: shapes, and predicted loads."""
+"""Find what the effects of a model leave open, by a first fit without them: shape constants and predicted loads."""
 
 from __future__ import annotations
 
@@ -25,9 +25,17 @@ def prepared(
     preprocessing: Preprocessing,
     progress: Progress,
 ) -> tuple[tuple[EffectChoice, ...], ReferenceParameters]:
-    """The effects with every shape constant found, and what torque is predicted with.
+    """Return the effects with every shape constant found, and what torque is predicted with.
 
     Both come from a first fit without the effects that need them.
+
+    Parameters
+    ----------
+    robot : Robot
+    choices : IdentificationChoices
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+    progress : Progress
 
     Raises
     ------
@@ -43,6 +51,8 @@ def prepared(
             "effects that depend on the load or whose shape is to be found need rigid_body beside them",
             pointer="/effects",
         )
+    # The first model leaves out what it cannot know yet. Its parameters absorb part of that, which is good enough to
+    # predict loads and to compare shape constants.
     first = build_model(robot, plain, tolerance=choices.tolerance)
     nothing = ReferenceParameters.nothing(robot)
     reduction = reduce_recordings(
@@ -54,5 +64,5 @@ def prepared(
         reduction = reduction.weighing_turns(turning_weights(reduction, prior))
     reference = first.reference(weighted(reduction, prior).values)
     others = tuple(choice for choice in effects if choice not in plain)
-    found = complete_shapes(first, others, recordings, preprocessing, reference, part(progress, 0.5, 1.0))
-    return plain + found, reference
+    completed = complete_shapes(first, others, recordings, preprocessing, reference, part(progress, 0.5, 1.0))
+    return plain + completed, reference

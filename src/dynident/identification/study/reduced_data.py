@@ -1,4 +1,4 @@
-"""What the recordings of an identification became: all that is needed to go on from it without reading them again."""
+"""The recordings of an identification reduced to factors: all that later steps need instead of the recordings."""
 
 from __future__ import annotations
 
@@ -46,11 +46,15 @@ class ReducedData:
     @property
     def all_rows_alike(self) -> bool:
         """Whether the equations are rows of the joints' torques, of which none counts for less than others."""
-        told = [one.turned for one in self.training.equations if one.turned is not None]
-        return self.fitted_to_torque and all(one.weight == 1.0 for one in told)
+        reversals = [equation.turned for equation in self.training.equations if equation.turned is not None]
+        return self.fitted_to_torque and all(rows.weight == 1.0 for rows in reversals)
 
     def combined(self, weights: FloatArray) -> ReducedData:
-        """The same data in columns that are these times `weights` (b, b'), without `shaped`: its columns are others."""
+        """Return the same data in other columns, which are these times `weights` (b, b').
+
+        `shaped` is left out, as its columns would be others.
+        """
+        # The equations of the dynamic model must stay the same object as the torques: others test for identity.
         training = self.training.combined(weights)
         return replace(
             self,
@@ -61,7 +65,7 @@ class ReducedData:
         )
 
     def to_solve(self, reference: ReferenceParameters, recordings: tuple[Recording, ...] = ()) -> Data:
-        """What a model is solved from.
+        """Return the data that a model is solved from.
 
         Parameters
         ----------

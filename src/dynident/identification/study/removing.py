@@ -1,4 +1,4 @@
-"""Effects taken out of an identified model: small algebra on its reduced data, no recording is read again."""
+"""Remove effects from an identified model by algebra on its reduced data: no recording is read again."""
 
 from __future__ import annotations
 
@@ -37,17 +37,22 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     removed : sequence of EffectChoice
         Each is taken off its joints, or off all where it names none; with shape constants or runs only what has these.
 
+    Returns
+    -------
+    Identification
+        The next step of the ladder.
+
     Raises
     ------
     DynidentError
         Where one of them is not in the model, or nothing would be left.
     """
     known = identification.model
-    kept = effects_without(identification.choices.effects, removed, known.robot)
-    choices = replace(identification.choices, effects=kept)
-    model, weights = smaller_model(known, kept, choices.tolerance)
+    remaining = effects_without(identification.choices.effects, removed, known.robot)
+    choices = replace(identification.choices, effects=remaining)
+    model, weights = smaller_model(known, remaining, choices.tolerance)
     data = identification.data.combined(weights)
-    shaped = combined_shapes(identification, kept, weights)
+    shaped = combined_shapes(identification, remaining, weights)
     to_solve = data.to_solve(identification.estimate.reference)
     smaller = conclude(model, choices, to_solve, data, Part(known, weights), lambda _: shaped)
     return replace(smaller, step=LadderStep(identification, removed=tuple(removed)))
@@ -56,50 +61,71 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
 def effects_without(
     effects: Sequence[EffectChoice], removed: Sequence[EffectChoice], robot: Robot
 ) -> tuple[EffectChoice, ...]:
-    """The effects that are left when others are taken away, wholly or off some joints.
+    """Return the effects that remain when others are removed, wholly or from some joints.
+
+    Parameters
+    ----------
+    effects, removed : sequence of EffectChoice
+    robot : Robot
 
     Raises
     ------
     DynidentError
         Where one of them is not there, or nothing would be left.
     """
-    left = tuple(effects)
+    remaining = tuple(effects)
     for index, choice in enumerate(removed):
         pointer = f"/effects/{index}"
         joints_of(choice, robot, pointer)
-        rest = tuple(part for one in left for part in _without(one, choice, robot))
-        if rest == left:
+        # Where nothing changes, the effect was not in the model on these joints.
+        rest = tuple(part for choice_before in remaining for part in _without(choice_before, choice, robot))
+        if rest == remaining:
             place = f" on {', '.join(choice.joints)}" if choice.joints else ""
             place += "".join(f", {constant_in_words(choice.effect, name, value)}" for name, value in choice.shape)
-            names = ", ".join(dict.fromkeys(one.effect for one in left))
+            names = ", ".join(dict.fromkeys(present.effect for present in remaining))
             detail = f"the model has no {choice.effect}{place}; it has: {names}"
             raise DynidentError(detail, pointer=pointer, title=_TITLE)
-        left = rest
-    if not left:
+        remaining = rest
+    if not remaining:
         raise DynidentError("nothing would be left in the model; keep at least one effect", pointer="/effects")
-    return left
+    return remaining
 
 
-def _without(one: EffectChoice, taken: EffectChoice, robot: Robot) -> tuple[EffectChoice, ...]:
-    """What is left of one choice: itself, the same on fewer joints, or nothing."""
-    other_shape = not set(taken.shape) <= set(one.shape)
-    other_runs = bool(taken.runs) and taken.runs != one.runs
-    if one.effect != taken.effect or other_shape or other_runs:
-        return (one,)
-    if effect_by_id(one.effect).scope == "robot":
+def _without(choice: EffectChoice, removed: EffectChoice, robot: Robot) -> tuple[EffectChoice, ...]:
+    """Remove an effect from one choice: return the choice itself, the same on fewer joints, or nothing."""
+    other_shape = not set(removed.shape) <= set(choice.shape)
+    other_runs = bool(removed.runs) and removed.runs != choice.runs
+    if choice.effect != removed.effect or other_shape or other_runs:
+        return (choice,)
+    if effect_by_id(choice.effect).scope == "robot":
         return ()
-    gone = joints_of(taken, robot)
-    before = joints_of(one, robot)
-    left = [joint for joint in before if joint not in gone]
-    if len(left) == len(before):
-        return (one,)
-    return (replace(one, joints=tuple(robot.joint_names[j] for j in left)),) if left else ()
+    gone = joints_of(removed, robot)
+    before = joints_of(choice, robot)
+    remaining = [joint for joint in before if joint not in gone]
+    if len(remaining) == len(before):
+        return (choice,)
+    return (replace(choice, joints=tuple(robot.joint_names[j] for j in remaining)),) if remaining else ()
 
 
 def smaller_model(
     known: Model, effects: Sequence[EffectChoice], tolerance: float, pointer: str = "/effects"
 ) -> tuple[Model, FloatArray]:
-    """The model of some of a model's effects, and what its columns are made of (b, b'); nothing is compiled anew.
+    """Build the model of some of a model's effects, without compiling anything.
+
+    Parameters
+    ----------
+    known : Model
+        The larger model.
+    effects : sequence of EffectChoice
+    tolerance : float
+        Which columns count as dependent.
+    pointer : str
+        Field of the request that errors name.
+
+    Returns
+    -------
+    tuple of Model and array (b, b')
+        The model, and its columns as combinations of those of the larger one.
 
     Raises
     ------
@@ -116,6 +142,7 @@ def smaller_model(
             pointer=pointer,
             title="Recordings needed",
         )
+    # The base parameters of the smaller model follow from those of the larger one: no random states are evaluated.
     base = base_parameters_among(known.base, known.observation, [where[c.key] for c in columns], tolerance)
     model = build_model(known.robot, effects, tolerance=tolerance, signals=known.signals, base=base)
     return model, _combinations(known, model)
@@ -124,27 +151,29 @@ def smaller_model(
 def combined_shapes(
     identification: Identification, effects: Sequence[EffectChoice], weights: FloatArray | None = None
 ) -> Reduction | None:
-    """The rows that tell how sure shape constants are, for a model of some of the effects.
+    """Return the rows that tell how sure shape constants are, for a model of some of the effects.
 
-    None where there are none, or the constant of an effect is to be told of on fewer joints than it was looked at on.
+    None where there are none, or where an effect now acts on fewer joints than its constant was linearised for.
     """
     before, after = shape_places(identification.model.effects), shape_places(effects)
     where = {(identification.model.effects[p.choice], p.spec.name): k for k, p in enumerate(before)}
-    wanted = [(effects[p.choice], p.spec.name) for p in after]
+    constants = [(effects[p.choice], p.spec.name) for p in after]
     shaped = identification.data.shaped
-    if shaped is None or not wanted or any(one not in where for one in wanted):
+    if shaped is None or not constants or any(constant not in where for constant in constants):
         return None
     b = identification.model.n_parameters
     own = np.eye(b) if weights is None else weights
-    whole = np.zeros((b + len(before), own.shape[1] + len(wanted)))
+    # Columns of the parameters are combined by `weights`; the columns of the shape constants behind them stay as they
+    # are.
+    whole = np.zeros((b + len(before), own.shape[1] + len(constants)))
     whole[:b, : own.shape[1]] = own
-    for k, one in enumerate(wanted):
-        whole[b + where[one], own.shape[1] + k] = 1.0
+    for k, constant in enumerate(constants):
+        whole[b + where[constant], own.shape[1] + k] = 1.0
     return shaped.combined(whole)
 
 
 def _combinations(known: Model, smaller: Model) -> FloatArray:
-    """(b, b'): what the smaller model's columns are made of, in columns that the known model keeps.
+    """Return the smaller model's columns in terms of those that the known model keeps (b, b').
 
     Mostly these are the same columns. One that was absorbed by what is removed comes back as its combination.
     """

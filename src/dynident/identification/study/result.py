@@ -1,4 +1,4 @@
-"""What an identification gives: an estimate, its errors on the data and held-out ones, and how to go on from there."""
+"""The result of an identification: an estimate, its errors, and the data that further steps start from."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Identification:
 
     @property
     def statistics(self) -> Statistics:
-        """How sure the parameters are: covariance, standard deviations, intervals."""
+        """Uncertainty of the parameters: covariance, standard deviations, intervals."""
         return self.estimate.statistics
 
     @property
@@ -90,12 +90,12 @@ class Identification:
 
     @property
     def noise(self) -> FloatArray:
-        """(n,): standard deviation of every joint's residual, N m or N."""
+        """Standard deviation of every joint's residual (n,), N m or N."""
         return self.estimate.noise
 
     @property
     def preprocessing(self) -> Preprocessing:
-        """How the recordings were filtered."""
+        """Filters that the recordings went through."""
         return self.data.preprocessing
 
     @cached_property
@@ -110,38 +110,38 @@ class Identification:
 
     @property
     def converged(self) -> bool:
-        """Whether the rounds that the estimator takes have settled."""
+        """Whether the iterations of the estimator have settled."""
         return self.estimate.solution.converged
 
     @cached_property
     def condition_number(self) -> float:
-        """Of W, of the chosen model."""
+        """Condition number of W of the chosen model."""
         return single_threaded(condition_number)(self.data.equations)
 
     @property
     def n_equations(self) -> int:
-        """Number of rows r of W, of the chosen model."""
+        """Number of rows r of W of the chosen model."""
         return self.data.equations.n_rows
 
     @property
     def equations_per_parameter(self) -> float:
-        """r / b; §12.7 asks for 500."""
+        """Rows per parameter, r / b; §12.7 asks for 500."""
         return self.n_equations / max(self.model.n_parameters, 1)
 
     @property
     def effective_rows(self) -> FloatArray:
-        """(n,): how many independent samples the torque rows of every joint are worth."""
+        """Number of independent samples that the torque rows of every joint are worth (n,)."""
         if self.data.fitted_to_torque:
             return self.statistics.effective_rows
         return effective_rows(self.data.training, self.values)
 
     @property
     def inertia_matrix_positive_definite(self) -> bool:
-        """Whether it is in every posture that was looked at."""
+        """Whether the inertia matrix is positive definite in every posture that was looked at."""
         return self.worst_inertia_eigenvalue > 0
 
     def ladder(self) -> Iterator[Identification]:
-        """The models that led here, the first one first."""
+        """Yield the models that led to this one, the first one first."""
         if self.step.parent is not None:
             yield from self.step.parent.ladder()
         yield self

@@ -1,4 +1,4 @@
-"""An identified model as one file: its choices, its values, and the reduced data that further steps start from."""
+"""Store an identified model in one file: its choices, its values, and the reduced data for further steps."""
 
 from __future__ import annotations
 
@@ -53,9 +53,17 @@ _AT_REST = ("upper", "lower", "y", "weights")
 
 
 def to_bytes(identification: Identification) -> bytes:
-    """The identification, with all its ancestors, as the bytes of an .npz file.
+    """Return the identification, with all its ancestors, as the bytes of an .npz file.
 
     Not compressed: the factors are all but a few of the bytes, and their digits do not shrink.
+
+    Parameters
+    ----------
+    identification : Identification
+
+    Returns
+    -------
+    bytes
     """
     arrays: dict[str, Any] = {}
     ladder = list(identification.ladder())
@@ -68,7 +76,7 @@ def to_bytes(identification: Identification) -> bytes:
 
 
 def _arrays(identification: Identification) -> dict[str, Any]:
-    """One model without its ancestors."""
+    """Return the arrays of one model without its ancestors."""
     estimate, data, base = identification.estimate, identification.data, identification.model.base
     arrays: dict[str, Any] = {
         "reference": estimate.reference.vector,
@@ -118,7 +126,7 @@ def _arrays(identification: Identification) -> dict[str, Any]:
             "removed": [asdict(choice) for choice in identification.step.removed],
             "not_essential": estimate.not_essential,
             "converged": estimate.solution.converged,
-            "shape_constants": [asdict(one) for one in estimate.shape_constants],
+            "shape_constants": [asdict(constant) for constant in estimate.shape_constants],
         }
     )
     return arrays
@@ -129,7 +137,16 @@ def _text(document: Mapping[str, Any]) -> NDArray[np.uint8]:
 
 
 def from_bytes(content: bytes) -> Identification:
-    """The identification of bytes that `to_bytes` made.
+    """Read the identification from bytes that `to_bytes` made.
+
+    Parameters
+    ----------
+    content : bytes
+        Of any format that was ever written.
+
+    Returns
+    -------
+    Identification
 
     Raises
     ------
@@ -147,21 +164,22 @@ def from_bytes(content: bytes) -> Identification:
 
 
 def _identification(content: bytes) -> Identification:
-    found: Identification | None = None
+    identification: Identification | None = None
     for arrays in read_ladder(content):
-        found = _rung(arrays, found)
-    if found is None:
+        identification = _rung(arrays, identification)
+    if identification is None:
         raise ValueError("no model")
-    return found
+    return identification
 
 
 def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identification:
-    """One model on top of the one before it."""
+    """Read one model on top of the one before it."""
     header = json.loads(arrays["header"].tobytes())
     choices = _choices(header["choices"])
     base = _base(arrays, header)
     robot, signals = (robot_from_document(header["robot"]), None) if parent is None else _of(parent)
     model = build_model(robot, choices.effects, tolerance=choices.tolerance, signals=signals, base=base)
+    # Base parameters of the first format are determined anew, so they have to be compared with those of the file.
     if base is None:
         check_determined_base(model, arrays, smallest_inertia_eigenvalue(model, arrays["values"]))
     elif tuple(column.name for column in model.columns) != base.names:
@@ -190,7 +208,7 @@ def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identific
 
 
 def _base(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> BaseParameters | None:
-    """The base parameters that were stored; None where they are to be determined."""
+    """Read the base parameters that were stored; None where they are to be determined."""
     if "base_kept" not in arrays:  # the first format
         return None
     return BaseParameters(
@@ -285,6 +303,7 @@ def _choices(document: Mapping[str, Any]) -> IdentificationChoices:
         interval=document.get("interval"),
         preprocessing=_preprocessing(document["preprocessing"]) if document["preprocessing"] else None,
         tolerance=document["tolerance"],
+        # What a file of an older version does not state, it was identified without.
         covariance=document.get("covariance", "by_joint"),
         weigh_turns=bool(document.get("weigh_turns", False)),
     )
@@ -309,27 +328,29 @@ def _put_reduction(arrays: dict[str, Any], name: str, reduction: Reduction) -> N
     arrays[f"{name}_size"] = np.array([reduction.n_columns, len(reduction.equations)])
     for j, equation in enumerate(reduction.equations):
         arrays[f"{name}_{j}_columns"] = equation.columns
+        # Only the rows apart from the reversals are stored; with the rows at reversals they give the whole factor
+        # again.
         size = equation.factors.shape[-1]
         turned = equation.turned
         factors = equation.factors if turned is None else turned.others
         arrays[f"{name}_{j}_factors"] = factors[:, *np.triu_indices(size)]
         arrays[f"{name}_{j}_counts"] = equation.counts
         if turned is not None:
-            told = {"rows": turned.rows, "counts": turned.counts, "weight": np.array(turned.weight)}
-            arrays |= {f"{name}_{j}_turned_{part}": array for part, array in told.items()}
+            parts = {"rows": turned.rows, "counts": turned.counts, "weight": np.array(turned.weight)}
+            arrays |= {f"{name}_{j}_turned_{part}": array for part, array in parts.items()}
         if equation.beside is not None:
             _put_beside(arrays, f"{name}_{j}_beside", equation.beside)
 
 
-def _put_beside(arrays: dict[str, Any], name: str, beside: Beside) -> None:
+def _put_beside(arrays: dict[str, Any], name: str, rest_rows: Beside) -> None:
     for kind in _APART:
-        rows: Apart | None = getattr(beside, kind)
+        rows: Apart | None = getattr(rest_rows, kind)
         if rows is None:
             continue
         arrays[f"{name}_{kind}"] = rows.factor[*np.triu_indices(len(rows.factor))]
         arrays[f"{name}_n_{kind}"] = np.array(rows.count)
     for part in _AT_REST:
-        arrays[f"{name}_{part}"] = getattr(beside, part)
+        arrays[f"{name}_{part}"] = getattr(rest_rows, part)
 
 
 def _beside(arrays: Mapping[str, Any], name: str, size: int) -> Beside | None:
@@ -355,16 +376,16 @@ def _reduction(arrays: Mapping[str, Any], name: str) -> Reduction:
 def _equation(arrays: Mapping[str, Any], name: str) -> EquationFactors:
     columns, counts = arrays[f"{name}_columns"], arrays[f"{name}_counts"]
     size = len(columns) + 1
-    factors, beside = _triangles(arrays[f"{name}_factors"], size), _beside(arrays, f"{name}_beside", size)
+    factors, rest_rows = _triangles(arrays[f"{name}_factors"], size), _beside(arrays, f"{name}_beside", size)
     if f"{name}_turned_rows" not in arrays:  # of a version that did not tell them apart
-        return EquationFactors(columns, factors, counts, beside)
+        return EquationFactors(columns, factors, counts, rest_rows)
     rows, own = arrays[f"{name}_turned_rows"], arrays[f"{name}_turned_counts"]
     turned = Turned(factors, rows, own, float(arrays[f"{name}_turned_weight"]))
-    return EquationFactors(columns, turned.together, counts, beside, turned)
+    return EquationFactors(columns, turned.together, counts, rest_rows, turned)
 
 
 def _triangles(packed: FloatArray, size: int) -> FloatArray:
-    """(s, k, k) upper triangles from their k (k + 1) / 2 values each."""
+    """Unpack upper triangles (s, k, k) from their k (k + 1) / 2 values each."""
     factors = np.zeros((len(packed), size, size))
     factors[:, *np.triu_indices(size)] = packed
     return factors

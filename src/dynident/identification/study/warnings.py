@@ -1,4 +1,4 @@
-"""What a user must be told about an identified model, in sentences."""
+"""Warnings about an identified model, in sentences for the user."""
 
 from __future__ import annotations
 
@@ -20,29 +20,42 @@ if TYPE_CHECKING:
     from dynident.identification.study.result import Identification
 
 _MISFIT = 0.2
+"""Share of the torque left by the fit, above which the data are doubted; sound arms leave 3 to 15 %."""
+
 _NAMED = 12
+"""Uncertain parameters that are named; the others are counted."""
 
 
 def warnings_of(identification: Identification) -> tuple[str, ...]:
-    """All that is doubtful about a result, most important first."""
-    found = []
+    """Return all that is doubtful about a result, most important first.
+
+    Parameters
+    ----------
+    identification : Identification
+
+    Returns
+    -------
+    tuple of str
+    """
+    sentences = []
+    # Poses at rest have no inertia matrix; their eigenvalue is not a number and says nothing.
     if not identification.inertia_matrix_positive_definite and np.isfinite(identification.worst_inertia_eigenvalue):
-        found.append(
+        sentences.append(
             "The inertia matrix is not positive definite in every posture: the parameters are not physically possible "
             "as they stand, so use them for prediction near the recorded motion only."
         )
-    found += _disturbed(identification)
-    found += _misfit(identification)
-    found += _unsettled(identification)
-    found += _other_equations(identification)
-    found += _excitation(identification)
-    found += _overfit(identification)
-    found += _friction_signs(identification)
-    found += _without_torque(identification)
+    sentences += _disturbed(identification)
+    sentences += _misfit(identification)
+    sentences += _unsettled(identification)
+    sentences += _other_equations(identification)
+    sentences += _excitation(identification)
+    sentences += _overfit(identification)
+    sentences += _friction_signs(identification)
+    sentences += _without_torque(identification)
     absorbed = [f"{column.effect} ({column.name})" for column in identification.model.absorbed]
     if absorbed:
-        found.append(f"Not separable from other parameters, and therefore left out: {', '.join(absorbed)}.")
-    return tuple(found)
+        sentences.append(f"Not separable from other parameters, and therefore left out: {', '.join(absorbed)}.")
+    return tuple(sentences)
 
 
 def _without_torque(identification: Identification) -> list[str]:
@@ -59,7 +72,10 @@ def _without_torque(identification: Identification) -> list[str]:
 
 
 def _disturbed(identification: Identification) -> list[str]:
-    """Seconds in which something else than the robot acted shift all parameters, and show in no error by themselves."""
+    """Warn of seconds in which something else than the robot acted.
+
+    They shift all parameters, and show in no error by themselves.
+    """
     return [
         f"From {span.start:.1f} to {span.end:.1f} s of the data something else acted: there the residual is "
         f"{np.sqrt(span.ratio):.0f} times that of all other rows once they are solved without it. A contact, a load "
@@ -70,20 +86,21 @@ def _disturbed(identification: Identification) -> list[str]:
 
 
 def _misfit(identification: Identification) -> list[str]:
-    """A fit that leaves much of the torque it was made from is mostly no matter of effects, but of wrong data."""
-    left = identification.fit.relative_total
-    if not identification.choices.rows.by_joint or left <= _MISFIT:
+    """Warn of a fit that leaves much of the torque it was made from: mostly the data are wrong, not the effects."""
+    share = identification.fit.relative_total
+    if not identification.choices.rows.by_joint or share <= _MISFIT:
         return []
+    # The joint with the largest residual in N m: it tells where to look.
     worst = identification.model.robot.joint_names[int(np.argmax(identification.fit.rms))]
     return [
-        f"Even in the fit {left:.0%} of the torque is left unexplained, most on {worst}: look at the order, signs and "
+        f"Even in the fit {share:.0%} of the torque is left unexplained, most on {worst}: look at the order, signs and "
         "units of the columns, at the joints' axes and gravity in the description, for loads that it lacks, and for "
         "joints that give."
     ]
 
 
 def _unsettled(identification: Identification) -> list[str]:
-    """Where the estimator does not say so in words of its own."""
+    """Warn of iterations that have not settled, where the estimator does not say so itself."""
     if identification.converged or identification.choices.solver.tells_convergence:
         return []
     return [
@@ -93,7 +110,7 @@ def _unsettled(identification: Identification) -> list[str]:
 
 
 def _other_equations(identification: Identification) -> list[str]:
-    """What the errors of torque mean where the torques were not what was fitted."""
+    """Say what the errors of torque mean where the torques were not what was fitted."""
     model = identification.choices.model
     if model in ("energy", "power"):
         return [
@@ -101,39 +118,40 @@ def _other_equations(identification: Identification) -> list[str]:
             "these, on validation data, beside the dynamic model's."
         ]
     if model == "base_wrench":
-        told = (
+        sentence = (
             "The base's wrench shows the links alone: friction and rotors are not in this model, so the errors of "
             "torque contain all of these. The small reaction of turning rotors counts as the links'."
         )
         if not identification.inertia_matrix_positive_definite:
-            told += (
+            sentence += (
                 " Check the sign of the wrench: it is that of the base on the robot, so at rest its force points up."
             )
-        return [told]
+        return [sentence]
     return []
 
 
 def _excitation(identification: Identification) -> list[str]:
-    found = []
+    sentences = []
     condition = equilibrated_condition_number(identification.data.equations, identification.estimate.solution.noise)
+    # Columns of equal size: otherwise the units of the parameters decide, and not the motion.
     if condition > LARGEST_CONDITION_NUMBER:
         help_is = "Record an exciting trajectory (a design)"
         help_is += "." if identification.choices.prior else ' or use a prior (prior: "description").'
-        found.append(
+        sentences.append(
             f"The condition number of W with columns of equal size is {condition:.0f}: the motion alone does not "
             f"determine the model well. {help_is}"
         )
     at_rest = identification.model.is_at_rest
     if not at_rest and identification.equations_per_parameter < EQUATIONS_PER_PARAMETER:
-        found.append(
+        sentences.append(
             f"There are {identification.equations_per_parameter:.0f} equations per parameter after decimation; "
             f"{EQUATIONS_PER_PARAMETER:.0f} are recommended (§12.7). A longer recording helps."
         )
-    return found + _doubtful(identification.estimate)
+    return sentences + _doubtful(identification.estimate)
 
 
 def _doubtful(estimate: Estimate) -> list[str]:
-    """Parameters that the data do not determine; those that may as well be zero do no harm by it."""
+    """Warn of parameters that the data do not determine; those that may as well be zero do no harm by it."""
     parameters = estimate.parameters
     unsure = [p.name for p in parameters if p.judgement == "uncertain"]
     zero = sum(p.judgement == "zero_in_interval" for p in parameters)
@@ -150,6 +168,7 @@ def _doubtful(estimate: Estimate) -> list[str]:
 def _overfit(identification: Identification) -> list[str]:
     if identification.held_out is None:
         return ["No validation data was given: the errors are those of the fit itself and flatter the model."]
+    # A model may fit noise as well. Held-out data show it, because their noise is another.
     if identification.held_out.relative_total > OVERFIT * identification.fit.relative_total:
         return [
             f"The error on validation data is {identification.held_out.relative_total:.1%} against "
@@ -160,7 +179,7 @@ def _overfit(identification: Identification) -> list[str]:
 
 
 def _friction_signs(identification: Identification) -> list[str]:
-    """Friction that drives the motion is impossible: the torque's sign, or the order of joints, is probably wrong.
+    """Warn of negative friction, which would drive the motion: a sign or the order of joints is probably wrong.
 
     Beside other friction effects a negative part is possible, so only plain models are judged.
     """
@@ -172,6 +191,7 @@ def _friction_signs(identification: Identification) -> list[str]:
         for parameter, column in zip(identification.parameters, identification.model.kept, strict=True)
         if role_of(column) in ("dry", "damping")
         and not column.runs
+        # Three standard deviations: noise alone takes hardly any of a dozen parameters that far below zero.
         and parameter.value < -3.0 * parameter.standard_deviation
     ]
 

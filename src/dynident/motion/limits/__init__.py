@@ -1,1 +1,1 @@
-"""Limits that a motion must keep: which they are, what fits into them, and how near a motion comes to each."""
+"""Limits of a motion: which they are, how to keep them, and how near a motion comes to each."""

@@ -1,4 +1,4 @@
-"""Limits that a motion must keep: which they are, and what was assumed where none is known."""
+"""Limits that a motion must keep, with assumptions where none is known."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from dynident.robot.settings import check_limits
 # Where nothing is known: slow enough for any arm of that kind.
 _REVOLUTE_VELOCITY, _PRISMATIC_VELOCITY = 1.0, 0.25
 _ACCELERATION_PER_VELOCITY = 4.0
-"""1/s: the velocity limit is reached from rest within a quarter of a second."""
+"""Assumed acceleration limit over velocity limit, 1/s: full velocity is reached from rest in a quarter of a second."""
 _JERK_PER_ACCELERATION = 20.0
-"""1/s: full acceleration is reached within 50 ms."""
+"""Assumed jerk limit over acceleration limit, 1/s: full acceleration is reached within 50 ms."""
 _HAIR = 1e-6
 
 
@@ -32,9 +32,19 @@ class ImpossibleLimitsError(DynidentError):
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """Limits of all joints (n,), infinite where there is none; `notes` say what was assumed or is not checked.
+    """Limits of all joints, infinite where there is none.
 
-    `space` is what the whole robot must stay clear of, `None` for nothing.
+    Parameters
+    ----------
+    names : (n,)
+        Names of the joints.
+    position_low, position_high : (n,)
+    velocity, acceleration, jerk, torque, power : (n,)
+        Largest absolute values.
+    notes : tuple of str
+        What was assumed, or is not checked.
+    space : FreeSpace, optional
+        What the whole robot must stay clear of.
     """
 
     names: tuple[str, ...]
@@ -59,7 +69,7 @@ class Bounds:
         return 0.5 * (self.position_high - self.position_low)
 
     def tightened(self) -> Bounds:
-        """The same a hair inside, so that rounding never carries a motion beyond a limit."""
+        """Return slightly tighter limits, so that rounding never carries a motion beyond a limit."""
         room = 1.0 - _HAIR
         return replace(
             self,
@@ -79,11 +89,11 @@ class Bounds:
 
     @property
     def rated(self) -> RatedFollowers | None:
-        """Limits of the rates of joints that follow others, if there are any."""
+        """Limits of the rates of follower joints, if there are any."""
         return None if self.space is None or self.space.loops is None else self.space.loops.rated
 
     def followers_keep(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
-        """Whether joints that follow others keep their rates in a motion q, q̇, q̈ (m, n)."""
+        """Return whether follower joints keep their rates in a motion q, q̇, q̈ (m, n)."""
         return self.rated is None or self.rated.kept(q, dq, ddq)
 
 
@@ -95,12 +105,13 @@ def bounds_of(
     surroundings: Surroundings | None = None,
     at: str = "/limits",
 ) -> Bounds:
-    """Limits for a design: the robot's, tightened by those stated for this experiment, completed by careful defaults.
+    """Return the limits of a design: the robot's, tightened by the experiment's own, completed by cautious assumptions.
 
     Parameters
     ----------
     robot : Robot
     overrides : mapping of joint name to Limits
+        Limits of this experiment.
     torque_margin : float
         By what share the torque may be larger than predicted.
     surroundings : Surroundings, optional
@@ -108,10 +119,14 @@ def bounds_of(
     at : str
         Pointer to the overrides in the request.
 
+    Returns
+    -------
+    Bounds
+
     Raises
     ------
     DynidentError
-        A stated limit is for an unknown joint or not a limit, a prismatic joint's range is unknown, or there are
+        A limit is for an unknown joint or not a valid limit, a prismatic joint's range is unknown, or there are
         surroundings but no shape of the robot is known.
     ImpossibleLimitsError
         A stated range lies outside the robot's own.
@@ -127,10 +142,11 @@ def bounds_of(
     assumed = _Assumed()
     completed = [_completed(joint, overrides.get(joint.name, Limits()), assumed, at) for joint in robot.joints]
     notes = [*_too_wide(robot, overrides), *assumed.notes()]
-    torque = np.array([np.inf if item.effort is None else item.effort for item in completed])
+    torque = np.array([np.inf if limit.effort is None else limit.effort for limit in completed])
     unlimited = [name for name, bound in zip(robot.joint_names, torque, strict=True) if not np.isfinite(bound)]
-    power = np.array([np.inf if item.power is None else item.power for item in completed])
+    power = np.array([np.inf if limit.power is None else limit.power for limit in completed])
     if robot.inertias is None:
+        # Without inertias no torque can be predicted, so its limits cannot be checked.
         torque[:] = power[:] = np.inf
         notes.append("Torque is not checked: the robot's description gives no inertias to predict it with.")
     elif unlimited:
@@ -145,7 +161,7 @@ def bounds_of(
                 else "leave some room in the torque limits for them."
             )
         )
-    low, high = (np.array([_range(item)[end] for item in completed]) for end in (0, 1))
+    low, high = (np.array([_range(limit)[end] for limit in completed]) for end in (0, 1))
     space = None
     if surroundings is not None:
         check_surroundings(surroundings, robot.joint_names)
@@ -160,9 +176,9 @@ def bounds_of(
         names=robot.joint_names,
         position_low=low,
         position_high=high,
-        velocity=np.array([item.velocity for item in completed], dtype=np.float64),
-        acceleration=np.array([item.acceleration for item in completed], dtype=np.float64),
-        jerk=np.array([item.jerk for item in completed], dtype=np.float64),
+        velocity=np.array([limit.velocity for limit in completed], dtype=np.float64),
+        acceleration=np.array([limit.acceleration for limit in completed], dtype=np.float64),
+        jerk=np.array([limit.jerk for limit in completed], dtype=np.float64),
         torque=torque / (1 + torque_margin),
         power=power / (1 + torque_margin),
         notes=tuple(notes),
@@ -171,9 +187,9 @@ def bounds_of(
 
 
 def _not_of_followers(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
-    """Say which limits of joints that follow others are not kept: all but those of their positions and first rates.
+    """Return a note on the limits of follower joints that are not kept: all but those of position and its rates.
 
-    Of the description's own the jerk; a joint without a drive has no torque of its own.
+    Of the description's own limits that is the jerk; a joint without a drive has no torque of its own.
     """
     followers = [joint for joint in robot.tree.joints if joint.name not in robot.joint_names]
     names = [
@@ -189,17 +205,17 @@ def _not_of_followers(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
 
 
 def _too_wide(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
-    """Say which of the stated limits are not followed, because the robot's own are tighter."""
+    """Return a note on stated limits that are ignored because the robot's own are tighter."""
     names = []
     for joint in robot.joints:
-        wanted = stated.get(joint.name, Limits())
+        request = stated.get(joint.name, Limits())
         for kind in ("velocity", "acceleration", "jerk", "effort", "power"):
-            own, asked = getattr(joint.limits, kind), getattr(wanted, kind)
-            if own is not None and asked is not None and asked > own:
-                names.append(f"{kind} {asked:g} of {joint.name} (its own is {own:g})")
-        reach, asked = joint.reach, wanted.position
-        if reach is not None and asked is not None and (asked[0] < reach[0] or asked[1] > reach[1]):
-            names.append(f"position {list(asked)} of {joint.name} (its own is [{reach[0]:g}, {reach[1]:g}])")
+            own, requested = getattr(joint.limits, kind), getattr(request, kind)
+            if own is not None and requested is not None and requested > own:
+                names.append(f"{kind} {requested:g} of {joint.name} (its own is {own:g})")
+        reach, requested = joint.reach, request.position
+        if reach is not None and requested is not None and (requested[0] < reach[0] or requested[1] > reach[1]):
+            names.append(f"position {list(requested)} of {joint.name} (its own is [{reach[0]:g}, {reach[1]:g}])")
     if not names:
         return []
     return [f"Limits wider than the robot's own are not followed: {listed(names)}. Change the robot's description."]
@@ -215,11 +231,12 @@ def _range(limits: Limits) -> tuple[float, float]:
 
 
 def _completed(joint: Joint, stated: Limits, assumed: _Assumed, at: str) -> Limits:
-    """The tighter of the robot's and the stated limits of one joint, with defaults where neither is known."""
+    """Return the tighter of the robot's and the stated limits of one joint, with assumptions where neither is known."""
     own = joint.limits
     position = _tighter_range(joint, stated, at)
     limitless = joint.has_limitless_range if position is None else _is_limitless(position, joint)
     if position is None or limitless:
+        # A turn is a natural range of a revolute joint. A sliding joint has none, and a guess could hit its end stop.
         if joint.kind == "prismatic":
             raise DynidentError(
                 f"Joint '{joint.name}' slides, and its range is not known"
@@ -247,7 +264,7 @@ def _completed(joint: Joint, stated: Limits, assumed: _Assumed, at: str) -> Limi
 
 @dataclass
 class _Assumed:
-    """Joints whose limits are guessed, for the notes."""
+    """Names of joints whose limits are assumed, for the notes."""
 
     position: list[str] = field(default_factory=list)
     limitless: list[str] = field(default_factory=list)
@@ -256,7 +273,7 @@ class _Assumed:
     jerk: list[str] = field(default_factory=list)
 
     def notes(self) -> list[str]:
-        written = (
+        kinds = (
             (self.position, "position", "the motion stays within ±π rad"),
             (
                 self.velocity,
@@ -270,14 +287,16 @@ class _Assumed:
             ),
             (self.jerk, "jerk", f"{_JERK_PER_ACCELERATION:g}/s x the acceleration limit was assumed"),
         )
-        found = [f"No {kind} limit is known for {listed(names)}: {what}." for names, kind, what in written if names]
+        notes = [
+            f"No {kind} limit is known for {listed(names)}: {assumption}." for names, kind, assumption in kinds if names
+        ]
         if self.limitless:
             turns = WIDEST_RANGE["revolute"] / (2 * np.pi)
-            found.append(
+            notes.append(
                 f"The position limits of {listed(self.limitless)} are wider than {turns:g} turns and count as none: "
                 "the motion stays within ±π rad."
             )
-        return found
+        return notes
 
 
 def _tighter(own: float | None, stated: float | None) -> float | None:

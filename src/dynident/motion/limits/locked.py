@@ -1,4 +1,4 @@
-"""Motions in which some joints move while the others are locked (§12.3.4.2): which, and their limits."""
+"""Limits of motions in which some joints move while the others are locked (§12.3.4.2)."""
 
 from __future__ import annotations
 
@@ -13,26 +13,48 @@ from dynident.motion.limits.bounds import Bounds
 from dynident.robot.pointers import listed
 
 
-def moving_joints(wanted: Sequence[str], names: Sequence[str]) -> BoolArray:
-    """Which of the joints `names` (n,) move: the wanted ones, or all where none is named.
+def moving_joints(selected: Sequence[str], names: Sequence[str]) -> BoolArray:
+    """Return which of the joints `names` move.
+
+    Parameters
+    ----------
+    selected : sequence of str
+        Joints that move; all where there are none.
+    names : sequence of str
+        All n joints.
+
+    Returns
+    -------
+    (n,) array of bool
 
     Raises
     ------
     DynidentError
         There is no such joint.
     """
-    unknown = [name for name in wanted if name not in names]
+    unknown = [name for name in selected if name not in names]
     if unknown:
         raise DynidentError(
             f"There is no joint {listed(unknown)}; joints: {listed(names)}.",
             pointer="/trajectory/joints",
             title="Unknown joint",
         )
-    return np.array([not wanted or name in wanted for name in names])
+    return np.array([not selected or name in selected for name in names])
 
 
 def locked_bounds(bounds: Bounds, posture: FloatArray, moving: BoolArray) -> Bounds:
-    """Bounds in which the joints that do not move have no range but their place in a posture (n,)."""
+    """Return bounds in which the joints that do not move have no range but their position in a posture.
+
+    Parameters
+    ----------
+    bounds : Bounds
+    posture : (n,)
+    moving : (n,)
+
+    Returns
+    -------
+    Bounds
+    """
     return replace(
         bounds,
         position_low=np.where(moving, bounds.position_low, posture),

@@ -1,4 +1,4 @@
-"""How near a motion comes to every limit: the verdict on what leaves the room."""
+"""Margins: how near a motion comes to every limit, which decides whether it may be run."""
 
 from __future__ import annotations
 
@@ -33,10 +33,21 @@ LimitName = Literal[
 
 @dataclass(frozen=True)
 class Margin:
-    """How near a motion comes to one limit: `value` is the extreme one, `share` the part of the room it uses.
+    """How near a motion comes to one limit.
 
-    A share of 1 touches the limit. Of a position it is counted from the middle of the range. Of a clearance `joint`
-    names what comes near each other, of the tool's range the axis, and of the condition of closed loops these.
+    Parameters
+    ----------
+    joint : str
+        Name of the joint; of a clearance the two bodies, of the tool's range the axis, of the condition the closed
+        loops.
+    limit : str
+        Kind of the limit.
+    value : float
+        Extreme value of the motion.
+    bound : float
+        The limit.
+    share : float
+        Used part of the room: 1 touches the limit. For a position it is counted from the middle of the range.
     """
 
     joint: str
@@ -47,14 +58,14 @@ class Margin:
 
     @property
     def trouble(self) -> str:
-        """What is wrong where the limit is broken."""
+        """What is wrong where the limit is broken, as a sentence."""
         if self.limit == "clearance":
             return contact_complaint(self.joint, self.value, self.bound)
         if self.limit in ("tool_min", "tool_max"):
             return f"The {self.joint} would go to {self.value:.4g} m, beyond the end {self.bound:g} m of its range."
         if self.limit == "condition":
-            said = singular_complaint(self.value, self.bound)
-            return said[0].upper() + said[1:]
+            complaint = singular_complaint(self.value, self.bound)
+            return complaint[0].upper() + complaint[1:]
         return f"The {self.limit} limit {self.bound:g} of joint '{self.joint}' would be broken: {self.value:.4g}."
 
 
@@ -63,7 +74,19 @@ TorqueFunction = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 
 def margins_of(bounds: Bounds, motions: Iterable[Motion], torque: TorqueFunction | None) -> tuple[Margin, ...]:
-    """The nearest approach of motions to every limit there is, joint by joint; they are looked at one after another."""
+    """Return the margins of motions to every limit, joint by joint; motions are evaluated one after another.
+
+    Parameters
+    ----------
+    bounds : Bounds
+    motions : iterable of Motion
+    torque : callable or None
+        Nominal torque (m, n) at q, q̇, q̈ (m, n); without it torque and power are not checked.
+
+    Returns
+    -------
+    tuple of Margin
+    """
     n = len(bounds.names)
     low, high = np.full(n, np.inf), np.full(n, -np.inf)
     largest = np.zeros((5, n))
@@ -104,13 +127,14 @@ def _position_columns(bounds: Bounds, low: FloatArray, high: FloatArray) -> list
     ]
 
 
-def _share(share: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
-    """Shares of which none is above 1 by rounding alone."""
-    return np.where(kept, np.minimum(share, 1.0), np.maximum(share, np.nextafter(1.0, 2.0)))
+def _share(share: FloatArray, is_within: NDArray[np.bool_]) -> FloatArray:
+    """Return shares of which none is above 1 by rounding alone."""
+    # Whether a limit is kept was decided on the values themselves; the share only follows.
+    return np.where(is_within, np.minimum(share, 1.0), np.maximum(share, np.nextafter(1.0, 2.0)))
 
 
 class _Around:
-    """The nearest approaches to the surroundings, and the ends of ways of tool and followers, over several looks."""
+    """Nearest approaches to the surroundings and extreme positions of tool and followers, over several motions."""
 
     def __init__(self, space: FreeSpace | None) -> None:
         self._space = space
@@ -119,34 +143,36 @@ class _Around:
         self._followers = None if space is None or space.loops is None else _Followers(space.loops)
 
     def look(self, motion: Motion) -> None:
-        """Along a motion."""
+        """Take a motion into account."""
         if self._space is None:
             return
         q = motion.q
         if self._followers is not None:
             self._followers.look(motion)
         if self._space.contacts is not None:
-            seen = self._space.contacts.approaches(q)
-            before = self._approaches or seen
-            self._approaches = [min(pair, key=lambda one: one.room) for pair in zip(before, seen, strict=True)]
+            approaches = self._space.contacts.approaches(q)
+            before = self._approaches or approaches
+            self._approaches = [
+                min(pair, key=lambda approach: approach.room) for pair in zip(before, approaches, strict=True)
+            ]
         if self._space.tool is not None:
             tool = self._space.tool_at(q)
             self._low, self._high = np.minimum(self._low, tool.min(axis=0)), np.maximum(self._high, tool.max(axis=0))
 
     def margins(self) -> tuple[Margin, ...]:
-        """Of every body, and of every end of the tool's range that is stated."""
+        """Return the margins of every body, and of every stated end of the tool's range."""
         if self._space is None:
             return ()
-        made = [] if self._followers is None else self._followers.margins()
-        made += [
+        margins = [] if self._followers is None else self._followers.margins()
+        margins += [
             Margin(
-                one.name,
+                approach.name,
                 "clearance",
-                one.distance,
-                one.wanted,
-                one.wanted / one.distance if one.distance > 0 else np.inf,
+                approach.distance,
+                approach.wanted,
+                approach.wanted / approach.distance if approach.distance > 0 else np.inf,
             )
-            for one in self._approaches
+            for approach in self._approaches
         ]
         tool = self._space.tool
         if tool is not None:
@@ -155,15 +181,15 @@ class _Around:
                 size = 1.0 if low is None or high is None else 0.5 * (high - low)
                 if low is not None:
                     share = max(0.0, 1.0 - (reached[0] - low) / size)
-                    made.append(Margin(f"tool {axis}", "tool_min", float(reached[0]), low, share))
+                    margins.append(Margin(f"tool {axis}", "tool_min", float(reached[0]), low, share))
                 if high is not None:
                     share = max(0.0, 1.0 - (high - reached[1]) / size)
-                    made.append(Margin(f"tool {axis}", "tool_max", float(reached[1]), high, share))
-        return tuple(made)
+                    margins.append(Margin(f"tool {axis}", "tool_max", float(reached[1]), high, share))
+        return tuple(margins)
 
 
 class _Followers:
-    """How far and how fast joints go that follow others, and the worst condition of closed loops."""
+    """Extreme positions and rates of follower joints, and the worst condition of closed loops, over several motions."""
 
     def __init__(self, loops: LoopRooms) -> None:
         self._loops, self._worst = loops, 0.0
@@ -171,7 +197,7 @@ class _Followers:
         self._low, self._high = np.full(len(loops.names), np.inf), np.full(len(loops.names), -np.inf)
 
     def look(self, motion: Motion) -> None:
-        """Along a motion of the driven joints."""
+        """Take a motion of the driven joints into account."""
         q = motion.q
         if self._loops.rated is not None:
             self._fastest = np.maximum(self._fastest, self._loops.rated.largest(q, motion.dq, motion.ddq))
@@ -180,14 +206,14 @@ class _Followers:
         self._worst = max(self._worst, float(self._loops.conditions(q).max()))
 
     def margins(self) -> list[Margin]:
-        """Of every limited joint, and of the loops."""
+        """Return the margins of every limited joint, and of the loops."""
         low, high = self._loops.low, self._loops.high
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         ends: tuple[tuple[LimitName, FloatArray, FloatArray, FloatArray], ...] = (
             ("position_min", self._low, low, _share((middle - self._low) / half, self._low >= low)),
             ("position_max", self._high, high, _share((self._high - middle) / half, self._high <= high)),
         )
-        made = [
+        margins = [
             Margin(name, limit, float(reached[k]), float(bound[k]), float(share[k]))
             for k, name in enumerate(self._loops.names)
             for limit, reached, bound, share in ends
@@ -197,7 +223,7 @@ class _Followers:
             kinds: tuple[LimitName, ...] = ("velocity", "acceleration")
             for kind, reached, bound in zip(kinds, self._fastest, (rated.velocity, rated.acceleration), strict=True):
                 shares = _share(reached / bound, reached <= bound)
-                made += [
+                margins += [
                     Margin(name, kind, float(reached[k]), float(bound[k]), float(shares[k]))
                     for k, name in enumerate(rated.names)
                     if np.isfinite(bound[k])
@@ -205,22 +231,22 @@ class _Followers:
         closure, largest = self._loops.linkage.closure, self._loops.largest_condition
         if closure is not None:
             names = ", ".join(loop.name for loop in closure.loops)
-            made.append(Margin(names, "condition", self._worst, largest, self._worst / largest))
-        return made
+            margins.append(Margin(names, "condition", self._worst, largest, self._worst / largest))
+        return margins
 
 
 def tightest(margins: Sequence[Margin]) -> Margin:
-    """The margin with the largest share."""
+    """Return the margin with the largest share."""
     return max(margins, key=lambda margin: margin.share)
 
 
 def keeps(margins: Sequence[Margin]) -> bool:
-    """Whether no limit is broken."""
+    """Return whether no limit is broken."""
     return tightest(margins).share <= 1.0
 
 
 def broken(margins: Sequence[Margin]) -> ImpossibleLimitsError:
-    """The error that names the limit which is broken most."""
+    """Return the error that names the limit that is broken most."""
     worst = tightest(margins)
     place = "/limits" if worst.limit not in ("clearance", "tool_min", "tool_max") else "/surroundings"
     return ImpossibleLimitsError(worst.trouble, pointer=place, title="Impossible limits")

@@ -1,4 +1,4 @@
-"""Postures that keep the limits: clear of everything, and held by less torque than there is."""
+"""Postures within the limits: clear of all obstacles, and held by less torque than the limits."""
 
 from __future__ import annotations
 
@@ -20,16 +20,29 @@ _ALONG_A_WAY = np.linspace(0.0, 1.0, 25)
 
 
 def static_torque(model: TorqueModel, q: FloatArray) -> FloatArray:
-    """Torque (m, n) that holds postures q (m, n)."""
+    """Return the torque (m, n) that holds postures q (m, n)."""
     still = np.zeros_like(q)
     return model.torque(q, still, still)
 
 
 def holdable_postures(bounds: Bounds, model: TorqueModel, rng: np.random.Generator) -> FloatArray:
-    """Postures (m, n) in the inner part of the ranges, clear of everything, whose weight leaves room for motion.
+    """Return random postures from which a motion can start.
 
-    Those alone to which a straight way is clear from a usual home, if there are some: the rest may lie behind what no
-    motion gets around, like an elbow bent the other way.
+    They are in the inner part of the position ranges, clear of all obstacles, and their weight leaves torque for
+    motion.
+    Where some of them can be reached from a usual home by a clear straight path, only these are returned: the others
+    may
+    lie where no motion gets to, like an elbow bent the other way.
+
+    Parameters
+    ----------
+    bounds : Bounds
+    model : TorqueModel
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    (m, n) array, not empty
 
     Raises
     ------
@@ -44,6 +57,7 @@ def holdable_postures(bounds: Bounds, model: TorqueModel, rng: np.random.Generat
     torque = np.abs(static_torque(model, q))
     shares = torque / bounds.torque
     worst = shares.max(axis=1)
+    # First those with torque left to accelerate, else those that can be held at all.
     for share in (_HOLDING_SHARE, 1.0 - 1e-6):
         if (worst <= share).any():
             held: FloatArray = q[worst <= share]
@@ -61,36 +75,44 @@ def holdable_postures(bounds: Bounds, model: TorqueModel, rng: np.random.Generat
 
 
 def usual_homes(bounds: Bounds) -> list[FloatArray]:
-    """Zero where the ranges have it (their middle where not), and the middle everywhere: postures (n,)."""
+    """Return the usual home postures (n,): zero where the ranges contain it, and the middle of the ranges.
+
+    A joint whose range does not contain zero is at its middle in both.
+    """
     nearest = np.clip(0.0, bounds.position_low, bounds.position_high)
     return [np.where(np.abs(nearest) <= _NEAR_ZERO * bounds.half_range, nearest, bounds.middle), bounds.middle]
 
 
 def _reachable(bounds: Bounds, q: FloatArray) -> FloatArray:
-    """Of postures (m, n) some with a clear straight way from a usual home; all where hardly any has one."""
+    """Return those of the first postures (m, n) that a clear straight path joins to a usual home.
+
+    All postures are returned where hardly any is reached.
+    """
     if bounds.space is None or bounds.space.rooms is None:
         return q
-    tried = q[:_TRIED_WAYS]
+    candidates = q[:_TRIED_WAYS]
     for home in usual_homes(bounds):
+        # A home that is blocked itself says nothing of the postures.
         if bounds.space.least_room(home[None])[0] < 0:
             continue
-        ways = home + _ALONG_A_WAY[:, None, None] * (tried - home)
+        ways = home + _ALONG_A_WAY[:, None, None] * (candidates - home)
         room = bounds.space.least_room(ways.reshape(-1, q.shape[1])).reshape(len(_ALONG_A_WAY), -1).min(axis=0)
         if np.count_nonzero(room >= 0) >= _ENOUGH_WAYS:
-            reached: FloatArray = tried[room >= 0]
+            reached: FloatArray = candidates[room >= 0]
             return reached
     return q
 
 
 def _clear_ones(bounds: Bounds, q: FloatArray) -> FloatArray:
+    """Return those of postures q (m, n) that are clear of all obstacles."""
     if bounds.space is None:
         return q
     room = bounds.space.least_room(q)
     if (room >= 0).any():
         clear: FloatArray = q[room >= 0]
         return clear
-    best = q[int(room.argmax())]
-    complaint = bounds.space.complaint(best[None]) or bounds.space.narrowness(best)
+    clearest = q[int(room.argmax())]
+    complaint = bounds.space.complaint(clearest[None]) or bounds.space.narrowness(clearest)
     raise ImpossibleLimitsError(
         f"In none of {_POSTURES} postures within the position limits is everything clear: in the best of them, "
         + complaint,

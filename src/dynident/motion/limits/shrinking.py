@@ -1,4 +1,4 @@
-"""How far a periodic trajectory must shrink until it keeps the limits."""
+"""Scale the amplitude of a periodic trajectory until it keeps the limits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,16 @@ _SAMPLES_PER_WAVE = 80
 
 
 class Shrinking:
-    """Takes the coefficients of a family to the largest amplitude at which they keep the limits."""
+    """Scales the coefficients of a family to the largest amplitude at which they keep the limits.
+
+    Parameters
+    ----------
+    family : Family
+    bounds : Bounds
+    model : TorqueModel
+    fine : bool
+        Whether to look at the motion as closely as its highest frequency needs; coarse is for a first selection.
+    """
 
     def __init__(self, family: Family, bounds: Bounds, model: TorqueModel, *, fine: bool = True) -> None:
         self._bounds, self._model = bounds, model
@@ -23,56 +32,61 @@ class Shrinking:
         self._basis = family.basis(np.arange(count) * family.period / count)[:4]
 
     def shrink(self, x: FloatArray, most: float = 1.0) -> FloatArray | None:
-        """Coefficients (m, n) with the amplitude scaled by at most `most`; `None` where even its centre cannot be held.
+        """Return coefficients (m, n) with the amplitude scaled to keep the limits, by at most `most`.
 
-        The centre (the offsets) stays, except that it is moved inside the position limits.
+        The result is None where no amplitude keeps them. The centre (the offsets) stays, except that it is moved inside
+        the
+        position limits.
         """
         b = self._bounds
-        made = x.copy()
-        made[0] = np.clip(x[0], b.middle - CENTRAL_SHARE * b.half_range, b.middle + CENTRAL_SHARE * b.half_range)
+        scaled = x.copy()
+        scaled[0] = np.clip(x[0], b.middle - CENTRAL_SHARE * b.half_range, b.middle + CENTRAL_SHARE * b.half_range)
         inside = (b.position_low < x[0]) & (x[0] < b.position_high)
-        made[0, inside] = x[0, inside]
-        q, dq, ddq, dddq = self._basis[:, :, 1:] @ made[1:]
+        scaled[0, inside] = x[0, inside]
+        # Position, velocity, acceleration and jerk are linear in the amplitude, so these limits give the scale
+        # directly.
+        q, dq, ddq, dddq = self._basis[:, :, 1:] @ scaled[1:]
         # A joint that is locked has neither room nor motion: 0 / 0.
         with np.errstate(divide="ignore", invalid="ignore"):
             scale = min(
                 most,
-                float(np.nanmin((b.position_high - made[0]) / np.maximum(q.max(axis=0), 0.0))),
-                float(np.nanmin((made[0] - b.position_low) / np.maximum(-q.min(axis=0), 0.0))),
+                float(np.nanmin((b.position_high - scaled[0]) / np.maximum(q.max(axis=0), 0.0))),
+                float(np.nanmin((scaled[0] - b.position_low) / np.maximum(-q.min(axis=0), 0.0))),
                 float((b.velocity / np.abs(dq).max(axis=0)).min()),
                 float((b.acceleration / np.abs(ddq).max(axis=0)).min()),
                 float((b.jerk / np.abs(dddq).max(axis=0)).min()),
             )
-        found = self._within_the_rest(made[0], q, dq, ddq, scale)
-        if found is None:
+        amplitude = self._within_the_rest(scaled[0], q, dq, ddq, scale)
+        if amplitude is None:
             return None
-        made[1:] *= found
-        return made
+        scaled[1:] *= amplitude
+        return scaled
 
     def _within_the_rest(
         self, centre: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, most: float
     ) -> float | None:
-        """The largest amplitude up to `most` at which torque, power, clearances and followers' limits are kept."""
+        """Return the largest amplitude up to `most` that keeps torque, power, clearances and followers' limits."""
         bounds = self._bounds
         if not bounds.checks_torque and bounds.space is None:
             return most
 
         def holds(scale: float) -> bool:
             # Bodies scaled in amplitude by s at unchanged frequency: q̇ and q̈ scale alike.
-            at, speed = centre + scale * q, scale * dq
+            positions, velocities = centre + scale * q, scale * dq
             if bounds.checks_torque:
-                torque = self._model.torque(at, speed, scale * ddq)
-                if not ((np.abs(torque) <= bounds.torque) & (np.abs(torque * speed) <= bounds.power)).all():
+                torque = self._model.torque(positions, velocities, scale * ddq)
+                if not ((np.abs(torque) <= bounds.torque) & (np.abs(torque * velocities) <= bounds.power)).all():
                     return False
-            if not bounds.followers_keep(at, speed, scale * ddq):
+            if not bounds.followers_keep(positions, velocities, scale * ddq):
                 return False
-            return bounds.space is None or bool((bounds.space.least_room(at) >= 0).all())
+            return bounds.space is None or bool((bounds.space.least_room(positions) >= 0).all())
 
         if holds(most):
             return most
         if not holds(0.0):
             return None
         low, high = 0.0, most
+        # Torque and clearances are not linear in the amplitude: bisect. The lower end always keeps the limits.
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if holds(middle) else (low, middle)

@@ -1,4 +1,4 @@
-"""What limits of torque ask of a model of the robot."""
+"""Interface of the model that limits of torque need."""
 
 from __future__ import annotations
 
@@ -11,4 +11,4 @@ class TorqueModel(Protocol):
     """A model that predicts the torque of a motion."""
 
     def torque(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        """Torque (m, n) at q, q̇, q̈ (m, n); `DynidentError` where it is not known."""
+        """Return the torque at q, q̇, q̈ (m, n); raise `DynidentError` where it is not known."""

@@ -1,1 +1,1 @@
-"""Moves from rest to rest, ways around what is in between, and home."""
+"""Moves from rest to rest, paths around obstacles, and home postures."""

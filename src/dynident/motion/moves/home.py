@@ -1,4 +1,4 @@
-"""Where an experiment begins and ends, and the moves between there and the exciting part."""
+"""Home postures, and the moves between home and the exciting part of an experiment."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _OTHER_HOMES = 5
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """The moves to the start of the exciting part and back."""
+    """Moves to the start of the exciting part and back."""
 
     approach: Piece
     retreat: Piece
@@ -28,7 +28,7 @@ class Placed:
 
 
 def check_home(stated: Sequence[float], limits: Bounds) -> None:
-    """Raise where a posture has not one position (rad, m) for each joint, or is outside of its limits."""
+    """Raise where a posture does not have one position (rad, m) for each joint, or is outside the position limits."""
     home = np.asarray(stated, dtype=np.float64)
     n = len(limits.names)
     if home.shape != (n,) or not np.isfinite(home).all():
@@ -43,10 +43,20 @@ def check_home(stated: Sequence[float], limits: Bounds) -> None:
 
 
 def home_candidates(stated: Sequence[float] | None, bounds: Bounds, model: TorqueModel) -> list[FloatArray]:
-    """Postures (n,) to begin at, in the order of preference, at least one.
+    """Return the postures to begin at, in the order of preference.
 
-    The stated one alone; else zero where the ranges have it (their middle where not), then the middle everywhere;
-    where neither is clear of everything, others that are.
+    The stated one alone; else zero where the ranges contain it (their middle where not), then the middle everywhere;
+    where neither is clear of all obstacles, others that are.
+
+    Parameters
+    ----------
+    stated : (n,), optional
+    bounds : Bounds
+    model : TorqueModel
+
+    Returns
+    -------
+    list of (n,) arrays, at least one
 
     Raises
     ------
@@ -81,14 +91,14 @@ def _clear(home: FloatArray, bounds: Bounds) -> FloatArray:
 
 
 def posture_note(home: FloatArray) -> str:
-    """Home, for the notes."""
+    """Return the note that names the home posture."""
     return "Home is " + ", ".join(f"{value:.4g}" for value in home) + "."
 
 
 def with_moves(
     stated: Sequence[float] | None, start: FloatArray, bounds: Bounds, model: TorqueModel, rate: float
 ) -> Placed:
-    """Moves from home to the posture (n,) at which the exciting part starts and ends, and back, within all limits.
+    """Return the moves from home to the posture (n,) at which the exciting part starts and ends, and back.
 
     Where no home is stated and none of the usual ones can be reached within the limits, the experiment begins
     there, and a note says so.

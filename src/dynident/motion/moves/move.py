@@ -1,7 +1,7 @@
 """Jerk-limited moves from rest to rest, by Ruckig (Berscheid and Kröger 2021), as polynomials evaluated in numpy.
 
-Ruckig plans the share of the straight way that is covered, from state to state alone: its intermediate positions are
-computed by a service on the network, and its position limits are silently ignored, so extreme positions are checked
+Ruckig plans the covered share of a straight path between two states only: its intermediate positions are
+computed by a network service, and its position limits are silently ignored, so extreme positions are checked
 here. It knows no torque limits: a move that breaks one is planned again, slower.
 """
 
@@ -29,9 +29,17 @@ _OVERSHOOT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """q(t) = start + s(t) (end - start), s from 0 to 1 piecewise cubic, then standing still up to `duration`.
+    """A straight move: q(t) = start + s(t) (end - start), s from 0 to 1 piecewise cubic, then rest up to `duration`.
 
-    Section i begins at `times[i]` with s and its derivatives `place[i]` (section, 4); start and end are (n,).
+    Parameters
+    ----------
+    start, end : (n,)
+    duration : float
+        s
+    times : (sections,)
+        Time at which each section begins.
+    place : (sections, 4)
+        s and its first three derivatives at the beginning of each section.
     """
 
     start: FloatArray
@@ -41,7 +49,7 @@ class Move:
     place: FloatArray
 
     def evaluate(self, t: FloatArray) -> Motion:
-        """The motion at times t (m,)."""
+        """Return the motion at times t (m,)."""
         section = np.searchsorted(self.times, t, side="right") - 1
         since = t - self.times[section]
         s, v, a, j = self.place[section].T
@@ -58,29 +66,43 @@ class Move:
 
 
 def plan_move(start: FloatArray, end: FloatArray, bounds: Bounds, rate: float, *, slowness: float = 1.0) -> Move | Rest:
-    """The fastest straight move between two postures (n,) at rest, drawn out to a whole number of sampling periods.
+    """Plan the fastest straight move between two postures at rest.
+
+    Its duration is rounded up to a whole number of sampling periods.
 
     Parameters
     ----------
+    start, end : (n,)
     bounds : Bounds
         Velocity, acceleration and jerk are kept; a straight move between postures inside the position limits keeps
         those as well.
     rate : float
         Sampling rate in Hz.
     slowness : float
-        The move is planned for a time this much longer.
+        The move is planned to take this many times as long.
+
+    Returns
+    -------
+    Move, or Rest where the postures are the same
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        No such move was found.
     """
     way = np.abs(end - start)
     if way.max() < _SAME_POSTURE:
         return Rest(start)
-    wanted = ruckig.InputParameter(1)
-    wanted.current_position, wanted.target_position = [0.0], [1.0]
+    limits = ruckig.InputParameter(1)
+    limits.current_position, limits.target_position = [0.0], [1.0]
     with np.errstate(divide="ignore"):
-        wanted.max_velocity = [float((bounds.velocity / way).min()) / slowness]
-        wanted.max_acceleration = [float((bounds.acceleration / way).min()) / slowness**2]
-        wanted.max_jerk = [float((bounds.jerk / way).min()) / slowness**3]
+        # All joints share s: the slowest one decides. Time scaling by f scales velocity, acceleration and jerk by 1/f,
+        # 1/f², 1/f³.
+        limits.max_velocity = [float((bounds.velocity / way).min()) / slowness]
+        limits.max_acceleration = [float((bounds.acceleration / way).min()) / slowness**2]
+        limits.max_jerk = [float((bounds.jerk / way).min()) / slowness**3]
     planned = ruckig.Trajectory(1)
-    result = ruckig.Ruckig(1).calculate(wanted, planned)
+    result = ruckig.Ruckig(1).calculate(limits, planned)
     if result != ruckig.Result.Working:
         raise ImpossibleLimitsError(f"no jerk-limited move between two postures was found ({result})")
     extrema = planned.position_extrema[0]
@@ -99,12 +121,24 @@ def plan_move(start: FloatArray, end: FloatArray, bounds: Bounds, rate: float, *
 
 
 def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueModel, rate: float) -> Piece:
-    """A move as by `plan_move`, slowed down until the limits of torque and power hold, and rates of followers.
+    """Plan a move that keeps the limits of torque, power and follower joints as well, slower where they need it.
+
+    Parameters
+    ----------
+    start, end : (n,)
+    bounds : Bounds
+    model : TorqueModel
+    rate : float
+        Sampling rate in Hz.
+
+    Returns
+    -------
+    Move or Rest
 
     Raises
     ------
     ImpossibleLimitsError
-        Something is in the straight way, or the arm cannot be held somewhere on it, however slow it goes.
+        Something is in the straight path, or the arm cannot be held somewhere on it, however slow it goes.
     """
     complaint = straight_complaint(start, end, bounds)
     if complaint is not None:
@@ -113,6 +147,7 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
     if not bounds.checks_torque and bounds.rated is None:
         return move
     if bounds.checks_torque:
+        # However slow the move, the weight remains: check it first, to report it as such.
         _check_holding(start, end, bounds, model)
     for attempt in range(_ATTEMPTS):
         move = plan_move(start, end, bounds, rate, slowness=_SLOWER**-attempt)
@@ -142,7 +177,7 @@ def _within_torque(motion: Motion, bounds: Bounds, model: TorqueModel) -> bool:
 
 
 def straight_complaint(start: FloatArray, end: FloatArray, bounds: Bounds) -> ImpossibleLimitsError | None:
-    """What is in the straight way between two postures (n,)."""
+    """Return the error that names what is in the straight path between two postures (n,); None where it is clear."""
     if bounds.space is None:
         return None
     way = start + np.linspace(0.0, 1.0, _CHECKS)[:, None] * (end - start)

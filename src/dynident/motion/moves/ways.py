@@ -1,4 +1,4 @@
-"""Ways between postures that touch nothing: straight, or through a few postures on the way around."""
+"""Collision-free paths between postures: straight, or through a few postures around the obstacle."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ _LOOKS = np.linspace(0.0, 1.0, 25)
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Pieces one after the other, as one."""
+    """Pieces of motion one after the other, as one piece."""
 
     pieces: tuple[Piece, ...]
 
     @property
     def duration(self) -> float:
-        """Seconds of all pieces."""
+        """Sum of the pieces' durations, s."""
         return sum(piece.duration for piece in self.pieces)
 
     def evaluate(self, t: FloatArray) -> Motion:
-        """The motion at times t (m,), which ascend."""
+        """Return the motion at times t (m,), which ascend."""
         ends = np.cumsum([piece.duration for piece in self.pieces])
         number = np.minimum(np.searchsorted(ends, t, side="right"), len(self.pieces) - 1)
         parts = []
@@ -48,18 +48,36 @@ class Chain:
 
 
 def way_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueModel, rate: float) -> Piece:
-    """A motion between two postures (n,) at rest within all limits: straight, or around what is in the way.
+    """Return a motion between two postures at rest within all limits: straight, or around what is in the way.
+
+    Parameters
+    ----------
+    start, end : (n,)
+    bounds : Bounds
+    model : TorqueModel
+    rate : float
+        Sampling rate in Hz.
+
+    Returns
+    -------
+    Piece
 
     Raises
     ------
     ImpossibleLimitsError
-        There is no straight way, and none was found around; the message tells what is in the straight one.
+        There is no straight path, and none was found around; the message tells what is in the straight one.
     """
     return moves_through(stations_between(start, end, bounds, model), bounds, model, rate)
 
 
 def stations_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueModel) -> list[FloatArray]:
-    """Postures (n,), both ends among them, between which the straight ways are clear; raises as `way_between`."""
+    """Return postures (n,), both ends among them, between which straight paths are clear.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        As in `way_between`.
+    """
     complaint = straight_complaint(start, end, bounds)
     if complaint is None:
         return [start, end]
@@ -67,29 +85,31 @@ def stations_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: 
         postures = holdable_postures(bounds, model, np.random.default_rng(0))
     except ImpossibleLimitsError:
         raise complaint from None
+    # Prefer via postures that cost little extra time.
     detours = (np.abs(postures - start) + np.abs(postures - end)) / bounds.velocity
     shortest = postures[np.argsort(detours.max(axis=1))]
     for count in _VIA_POSTURES:
         # Half of them near the straight way, the others from everywhere.
         near = count // 2
         via = np.concatenate([shortest[:near], shortest[near :: max(1, len(shortest) // near)]])
-        found = _shortest_way(np.concatenate([[start, end], via]), bounds)
-        if found is not None:
-            return found
+        stations = _shortest_way(np.concatenate([[start, end], via]), bounds)
+        if stations is not None:
+            return stations
     raise complaint
 
 
 def moves_through(stations: Sequence[FloatArray], bounds: Bounds, model: TorqueModel, rate: float) -> Piece:
-    """Moves from posture to posture, at rest in each, within all limits."""
+    """Return moves from posture to posture, at rest in each, within all limits."""
     moves = tuple(move_within_torque(a, b, bounds, model, rate) for a, b in pairwise(stations))
     return moves[0] if len(moves) == 1 else Chain(moves)
 
 
 def _shortest_way(postures: FloatArray, bounds: Bounds) -> list[FloatArray] | None:
-    """The shortest way from the first posture (m, n) to the second through others, in clear legs between neighbours."""
+    """Return the shortest path from the first of the postures (m, n) to the second, in clear legs."""
     assert bounds.space is not None
     # As long as the slowest joint takes.
     lengths = (np.abs(postures[:, None] - postures) / bounds.velocity).max(axis=2)
+    # A probabilistic roadmap: only legs to the nearest neighbours are checked for collisions, which is what costs time.
     neighbours = np.argsort(lengths, axis=1)[:, 1 : 1 + _NEIGHBOURS]
     legs = np.unique(np.sort([(a, b) for a, row in enumerate(neighbours) for b in row], axis=1), axis=0)
     first, last = postures[legs[:, 0]], postures[legs[:, 1]]

@@ -1,1 +1,1 @@
-"""What the robot must not touch, itself included: what is stated, how near a motion comes, and its gradient."""
+"""Collision checks with the surroundings and the robot itself: what is stated, how near a motion comes, gradients."""

@@ -1,4 +1,4 @@
-"""The floor that is assumed where nothing around the robot is stated."""
+"""Floor that is assumed where no surroundings are stated."""
 
 from __future__ import annotations
 
@@ -18,17 +18,24 @@ FLOOR_ASSUMED = (
 _UPRIGHT = 0.99
 """Cosine of the largest angle, 8°, between gravity and the base's z axis of a robot that stands on a floor."""
 _HANGS = 0.1
-"""Of the reach: a robot that rests lower than this below its base, as a leg does, does not stand on a floor there."""
+"""Share of the reach: a robot that rests lower than this below its base, as a leg does, stands on no floor there."""
 _POSTURES, _ROOM = 200, 0.02
 """Of so many postures within the limits this share must be above the floor, or the robot works below its base."""
 _RADIUS = 0.06
-"""Of the reach: radius of the links of usual arms (UR10e 0.05, Panda 0.08, SO-101 0.06)."""
+"""Radius of the links of usual arms as a share of the reach (UR10e 0.05, Panda 0.08, SO-101 0.06)."""
 
 
 def assume_floor(
     robot: Robot, surroundings: Surroundings, low: FloatArray, high: FloatArray
 ) -> tuple[Surroundings, float | None]:
-    """Add the floor that a robot stands on to surroundings in which nothing is stated, if it seems to stand on one.
+    """Add the floor that a robot stands on to empty surroundings, if it seems to stand on one.
+
+    Parameters
+    ----------
+    robot : Robot
+    surroundings : Surroundings
+    low, high : (n,)
+        Position limits.
 
     Returns
     -------
@@ -49,6 +56,7 @@ def assume_floor(
         return surroundings, None
     postures = np.random.default_rng(0).uniform(low, high, (_POSTURES, robot.n))
     heights = joint_frames(robot, postures)[:, :, 2, 3]
+    # Joints that never change their height belong to the pedestal, which stands on the floor anyway.
     moving = np.ptp(heights, axis=0) > 1e-6
     if (heights[:, moving] >= _RADIUS * reach).all(axis=1).mean() < _ROOM:
         return surroundings, None

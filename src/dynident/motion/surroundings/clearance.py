@@ -1,4 +1,4 @@
-"""Room between capsules and what they must not touch: smooth enough for an optimiser, with its exact gradient."""
+"""Clearance of capsules from obstacles and each other, smooth enough for an optimiser, with its exact gradient."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """A ball about `point` (3,) in the frame of a joint, that is kept inside of half-spaces or out of a box."""
+    """A ball about `point` (3,) in the frame of a joint, which is kept inside half-spaces or outside a box."""
 
     joint: int
     point: FloatArray
@@ -39,7 +39,10 @@ class Ball:
 
 @dataclass(frozen=True, eq=False)
 class Hindrances:
-    """What is kept apart: capsules of `pairs`, balls and half-spaces, balls and boxes; by how much (m), each or all."""
+    """Pairs that are kept apart: capsules and capsules, balls and half-spaces, balls and boxes.
+
+    `clearance` is the distance to keep (m), one for all or one for each.
+    """
 
     pairs: tuple[tuple[Part, Part], ...] = ()
     half_spaces: tuple[tuple[Ball, HalfSpace], ...] = ()
@@ -53,12 +56,13 @@ class Hindrances:
 
 
 def balls_along(part: Part) -> list[Ball]:
-    """Balls whose union contains a capsule."""
+    """Return balls whose union contains a capsule."""
     capsule = part.capsule
     length = float(np.linalg.norm(capsule.end - capsule.start))
     steps = int(np.ceil(length / (_BALL_SPACING * capsule.radius)))
     if steps == 0:
         return [Ball(part.joint, capsule.start, capsule.radius)]
+    # The union covers the capsule also halfway between two centres, where the balls' surfaces cross.
     radius = float(np.hypot(capsule.radius, 0.5 * length / steps))
     return [
         Ball(part.joint, capsule.start + share * (capsule.end - capsule.start), radius)
@@ -68,7 +72,7 @@ def balls_along(part: Part) -> list[Ball]:
 
 @dataclass(frozen=True, eq=False)
 class Rooms:
-    """At m postures: `values` (m, K), how much farther than the clearance things are apart (m), and its derivative."""
+    """Distance beyond the clearance (m) at m postures, `values` (m, K), and its derivative."""
 
     values: FloatArray
     _forces: FloatArray
@@ -79,31 +83,33 @@ class Rooms:
     _rates: FloatArray | None
 
     def pull_back(self, gradient: FloatArray) -> FloatArray:
-        """∂/∂q (m, n) from ∂/∂values (m, K): forces at the nearest points, as torques of the joints."""
-        made = self._of_tree(gradient)
-        return made if self._rates is None else np.asarray(np.einsum("mi,mij->mj", made, self._rates))
+        """Return ∂/∂q (m, n) from ∂/∂values (m, K): forces at the nearest points, as torques of the joints."""
+        torques = self._of_tree(gradient)
+        return torques if self._rates is None else np.asarray(np.einsum("mi,mij->mj", torques, self._rates))
 
     def _of_tree(self, gradient: FloatArray) -> FloatArray:
-        """(m, N): the torques of all joints that carry links."""
+        """Return the torques (m, N) of all joints that carry links."""
         forces = self._map.of_rooms(gradient) * self._forces
         force = self._map.on_joints(forces)
         moment = self._map.on_joints(cross(self._places, forces))
-        made = np.empty((len(gradient), self._robot.n))
+        torques = np.empty((len(gradient), self._robot.n))
+        # By the principle of virtual work: forces and moments about the base's origin add up from the tips to the base,
+        # as in the backward recursion of Newton-Euler.
         for j in range(self._robot.n - 1, -1, -1):
             joint, frame = self._robot.joints[j], self._frames[:, j]
             axis = (frame[:, :3, :3] @ joint.axis).T
             if joint.kind == "prismatic":
-                made[:, j] = dot(axis, force[:, :, j])
+                torques[:, j] = dot(axis, force[:, :, j])
             else:
-                made[:, j] = dot(axis, moment[:, :, j] - cross(frame[:, :3, 3].T, force[:, :, j]))
+                torques[:, j] = dot(axis, moment[:, :, j] - cross(frame[:, :3, 3].T, force[:, :, j]))
             if joint.parent >= 0:
                 force[:, :, joint.parent] += force[:, :, j]
                 moment[:, :, joint.parent] += moment[:, :, j]
-        return made
+        return torques
 
 
 class _PointMap:
-    """Which room every force belongs to, and which joint it moves."""
+    """Assignment of forces to rooms and to the joints that they move."""
 
     def __init__(self, rooms: Sequence[int], joints: Sequence[int], n: int) -> None:
         self._rooms = np.array(rooms, dtype=np.intp)
@@ -121,7 +127,7 @@ class _PointMap:
 
 
 class Clearances:
-    """Rooms between the parts of a robot and their hindrances, as functions of the posture.
+    """Distances between the parts of a robot and their hindrances, as functions of the posture.
 
     Parameters
     ----------
@@ -150,23 +156,23 @@ class Clearances:
         return self.hindrances.count
 
     def evaluate(self, q: FloatArray) -> Rooms:
-        """The rooms at postures q (m, n)."""
+        """Return the distances beyond the clearance at postures q (m, n)."""
         frames = joint_frames(self.robot, q)
         world = self._points.at(frames)
         n_pairs, n_planes = len(self.hindrances.pairs), len(self._offsets)
         a, a_end, b, b_end = (world[:, :, k * n_pairs : (k + 1) * n_pairs] for k in range(4))
         s, t = closest_shares(a, a_end, b, b_end)
         on_a, on_b = a + s * (a_end - a), b + t * (b_end - b)
-        distance, apart = unit(on_a - on_b)
+        distance, separation = unit(on_a - on_b)
         balls = world[:, :, 4 * n_pairs :]
         above = dot(balls[:, :, :n_planes], self._normals) - self._offsets
-        beside, away = self._from_blocks(balls[:, :, n_planes:])
-        of_balls = np.concatenate([above, beside], axis=1) - self._ball_radii
+        from_boxes, away = self._from_blocks(balls[:, :, n_planes:])
+        of_balls = np.concatenate([above, from_boxes], axis=1) - self._ball_radii
         values = np.concatenate([distance - self._pair_radii, of_balls], axis=1)
         upward = np.broadcast_to(self._normals, (3, len(q), n_planes))
         return Rooms(
             values - self.hindrances.clearance,
-            np.concatenate([apart, -apart, upward, away], axis=2),
+            np.concatenate([separation, -separation, upward, away], axis=2),
             np.concatenate([on_a, on_b, balls], axis=2),
             frames,
             self._map,
@@ -175,8 +181,9 @@ class Clearances:
         )
 
     def least(self, q: FloatArray) -> FloatArray:
-        """The smallest room (m,) at postures q (m, n)."""
+        """Return the smallest distance beyond the clearance (m,) at postures q (m, n)."""
         least = np.empty(len(q))
+        # Batches bound the memory of the arrays (3, m, K).
         for first in range(0, len(q), _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
             least[part] = self.evaluate(q[part]).values.min(axis=1)
@@ -190,11 +197,11 @@ class Clearances:
 
     @cached_property
     def _grouped_blocks(self) -> list[tuple[Block, IndexArray]]:
-        """Every box with the places of its balls."""
-        found: dict[int, tuple[Block, list[int]]] = {}
+        """Every box with the indices of its balls."""
+        groups: dict[int, tuple[Block, list[int]]] = {}
         for k, (_, block) in enumerate(self.hindrances.blocks):
-            found.setdefault(id(block), (block, []))[1].append(k)
-        return [(block, np.array(places, dtype=np.intp)) for block, places in found.values()]
+            groups.setdefault(id(block), (block, []))[1].append(k)
+        return [(block, np.array(places, dtype=np.intp)) for block, places in groups.values()]
 
 
 class _Carried:
@@ -207,7 +214,7 @@ class _Carried:
         self._of_joint = [(j, chosen) for j, chosen in self._of_joint if len(chosen)]
 
     def at(self, frames: FloatArray) -> FloatArray:
-        """In the base frame (3, m, P), at frames (m, n, 4, 4)."""
+        """Return the points in the base frame (3, m, P), at frames (m, n, 4, 4)."""
         world = np.empty((3, len(frames), len(self._local)))
         world[:] = self._local.T[:, None]
         for joint, chosen in self._of_joint:

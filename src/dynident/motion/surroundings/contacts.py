@@ -1,8 +1,8 @@
-"""How near a motion comes to itself and to its surroundings, by coal on the exact shapes.
+"""Exact distances of a motion to itself and to its surroundings, by coal.
 
 The distance of two bodies cannot change faster than the joints between them let their points travel. So a few samples
-tell of whole stretches that nothing comes near there, and only the rest of a fine grid is looked at. Nor is it less
-than that of capsules around them, which is known for many postures at once.
+prove for long intervals that nothing comes near there, and only the rest of a fine grid is evaluated. The distance of
+capsules around the bodies is a lower bound, too, and is known for many postures at once.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from dynident.robot.shapes import Block, Capsule, Cylinder, Shape, enclosing_cap
 
 _FIRST_LOOKS = 48
 _EXACTNESS = 5e-4
-"""m: how exactly the nearest approach is found where it is near."""
+"""Absolute precision of the nearest approach, m."""
 _RELATIVE_EXACTNESS = 0.05
 _IDENTITY = coal.Transform3s()
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Shapes of one name in the frame of a joint; -1 is the base. No capsule encloses a half-space."""
+    """Shapes of one body or obstacle in the frame of a joint; -1 is the base. A half-space has no enclosing capsule."""
 
     name: str
     joint: int
@@ -40,30 +40,36 @@ class Solid:
 
 
 def solid_of(name: str, joint: int, shapes: Sequence[Shape]) -> Solid:
-    """Shapes for coal; `reach` is the distance of their farthest point from the joint's origin."""
-    made, placements, reach = [], [], 0.0
+    """Return shapes for coal; `reach` is the distance of their farthest point from the joint's origin."""
+    geometries, placements, reach = [], [], 0.0
     for shape in shapes:
         geometry, rotation, origin = _geometry(shape)
-        made.append(geometry)
+        geometries.append(geometry)
         placements.append((rotation, origin))
         if isinstance(shape, Capsule):
             ends = max(float(np.linalg.norm(shape.start)), float(np.linalg.norm(shape.end)))
             reach = max(reach, ends + shape.radius)
         else:
             reach = max(reach, float(np.linalg.norm(shape.corners, axis=1).max()))
-    return Solid(name, joint, tuple(made), tuple(placements), reach, tuple(map(enclosing_capsule, shapes)))
+    return Solid(name, joint, tuple(geometries), tuple(placements), reach, tuple(map(enclosing_capsule, shapes)))
 
 
 def half_space_solid(name: str, normal: FloatArray, offset: float) -> Solid:
-    """What lies behind a plane: normal · x < offset."""
+    """Return the solid behind a plane: normal · x < offset."""
     return Solid(name, -1, (coal.Halfspace(normal, offset),), ((np.eye(3), np.zeros(3)),), 0.0, ())
 
 
 @dataclass(frozen=True, eq=False)
 class SolidPair:
-    """Two solids that are kept apart; `travel` (N,): how far a point between them goes while a joint moves by one.
+    """Two solids that are kept apart.
 
-    `clearance` (m) is what has to lie between them.
+    Parameters
+    ----------
+    moving, other : Solid
+    travel : (N,)
+        Bound on how far a point between them moves while a joint moves by one.
+    clearance : float
+        Distance to keep, m.
     """
 
     moving: Solid
@@ -80,10 +86,26 @@ class SolidPair:
 def pair_of(
     robot: Robot, moving: Solid, other: Solid, ends: tuple[FloatArray, FloatArray], clearance: float
 ) -> SolidPair:
-    """A pair, `moving` being the one farther from the base; joints of a tree move between the two `ends` (N,)."""
+    """Return a pair, `moving` being the one farther from the base.
+
+    Parameters
+    ----------
+    robot : Robot
+        The tree.
+    moving, other : Solid
+    ends : two (N,) arrays
+        Extreme positions of the joints of the tree.
+    clearance : float
+        Distance to keep, m.
+
+    Returns
+    -------
+    SolidPair
+    """
     travel = np.zeros(robot.n)
     chains = {solid.joint: robot.ancestors(solid.joint) for solid in (moving, other)}
     for solid, opposite in ((moving, other), (other, moving)):
+        # The lever arm of a joint is at most the length of the chain from it to the farthest point.
         length = solid.reach
         for j in reversed([joint for joint in chains[solid.joint] if joint not in chains[opposite.joint]]):
             joint = robot.joints[j]
@@ -98,7 +120,7 @@ def pair_of(
 class Approach:
     """The nearest approach (m) of a body to anything along a motion: to what, and at which sample.
 
-    Nearest is what leaves least over what is `wanted` (m).
+    Nearest is the pair whose distance exceeds its clearance `wanted` (m) least.
     """
 
     name: str
@@ -108,16 +130,26 @@ class Approach:
 
     @property
     def room(self) -> float:
-        """How much farther than wanted (m)."""
+        """Distance beyond the clearance, m."""
         return self.distance - self.wanted
 
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """What a body is nearest to at each of m postures: the one of `others` at the places `to` (m,).
+    """The nearest solid to a body at each of m postures.
 
-    `distance` (m,) in m, `wanted` (m,) what is to be kept. `here` (m, 3) is the nearest point of the body in the frame
-    of its joint, `there` (m, 3) that of the other one in its own. Nearest is what leaves least over what is wanted.
+    Nearest is the one whose distance exceeds its clearance least.
+
+    Parameters
+    ----------
+    body : Solid
+    others : tuple of Solid
+    to : (m,)
+        Index of the nearest of `others`.
+    distance, wanted : (m,)
+        Distance and clearance, m.
+    here, there : (m, 3)
+        Nearest points of the body and of the other solid, each in the frame of its joint.
     """
 
     body: Solid
@@ -144,27 +176,29 @@ class ContactCheck:
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
 
     def distances(self, pair: SolidPair, q: FloatArray) -> FloatArray:
-        """Distance (m,) of a pair at postures q (m, n); negative where they overlap."""
+        """Return the distance (m,) of a pair at postures q (m, n); negative where they overlap."""
         return self._distances(pair, _Postures(joint_frames(self._robot, q)))
 
     def too_near(self, q: FloatArray) -> BoolArray:
-        """(m,): at which of the postures q (m, n) any pair is nearer than its clearance."""
-        frames, found = joint_frames(self._robot, q), np.zeros(len(q), dtype=np.bool_)
+        """Return at which of the postures q (m, n) any pair is nearer than its clearance: (m,)."""
+        frames, near = joint_frames(self._robot, q), np.zeros(len(q), dtype=np.bool_)
         for pair in self.pairs:
-            doubtful = np.flatnonzero(~found & (_least_apart(pair, frames) < pair.clearance))
+            # Capsules give a lower bound for all postures at once; only where it is too small the exact distance is
+            # needed.
+            doubtful = np.flatnonzero(~near & (_least_apart(pair, frames) < pair.clearance))
             if len(doubtful):
-                found[doubtful] = self._distances(pair, _Postures(frames[doubtful])) < pair.clearance
-        return found
+                near[doubtful] = self._distances(pair, _Postures(frames[doubtful])) < pair.clearance
+        return near
 
     def nearest(self, q: FloatArray) -> list[Nearest]:
-        """Of every body (in the order of `bodies`) what it is nearest to, at each of the postures q (m, n)."""
+        """Return for every body (in the order of `bodies`) the nearest solid at each of the postures q (m, n)."""
         postures = _Postures(joint_frames(self._robot, q))
         return [
             self._nearest([pair for pair in self.pairs if pair.moving.joint == body], postures) for body in self.bodies
         ]
 
     def approaches(self, q: FloatArray) -> list[Approach]:
-        """Of every body (in the order of `bodies`) its nearest approach along q (m, n)."""
+        """Return for every body (in the order of `bodies`) its nearest approach along q (m, n)."""
         moved = q if self._robot.linkage is None else self._robot.linkage.positions(q)
         way = np.concatenate([np.zeros((1, moved.shape[1])), np.cumsum(np.abs(np.diff(moved, axis=0)), axis=0)])
         looks = np.unique(np.linspace(0, len(q) - 1, min(_FIRST_LOOKS, len(q))).astype(np.intp))
@@ -174,7 +208,7 @@ class ContactCheck:
             for pair in self.pairs
         }
         return [
-            self._approach({pair: one for pair, one in searches.items() if pair.moving.joint == body}, q)
+            self._approach({pair: search for pair, search in searches.items() if pair.moving.joint == body}, q)
             for body in self.bodies
         ]
 
@@ -183,12 +217,14 @@ class ContactCheck:
         while True:
             nearest = min(range(len(pairs)), key=lambda k: searches[k].least)
             best = searches[nearest].least
+            # Search on wherever the distance could be smaller than the best so far by more than the precision asked
+            # for.
             goal = best - _EXACTNESS - _RELATIVE_EXACTNESS * max(best, 0.0)
-            asked = [search.doubtful(goal) for search in searches]
-            if not any(len(samples) for samples in asked):
-                wanted = pairs[nearest].clearance
-                return Approach(pairs[nearest].name, best + wanted, searches[nearest].at, wanted)
-            for pair, search, samples in zip(pairs, searches, asked, strict=True):
+            doubtful_samples = [search.doubtful(goal) for search in searches]
+            if not any(len(samples) for samples in doubtful_samples):
+                clearance = pairs[nearest].clearance
+                return Approach(pairs[nearest].name, best + clearance, searches[nearest].at, clearance)
+            for pair, search, samples in zip(pairs, searches, doubtful_samples, strict=True):
                 if len(samples):
                     distances = self._distances(pair, _Postures(joint_frames(self._robot, q[samples])))
                     search.add(samples, distances - pair.clearance)
@@ -202,22 +238,22 @@ class ContactCheck:
                 distances[place, k], points = min(self._gaps(pair, postures, k), key=lambda gap: gap[0])
                 for end, (solid, point) in enumerate(zip((pair.moving, pair.other), points, strict=True)):
                     ends[place, k, end] = _in_frame(solid, frame, point)
-        wanted = np.array([pair.clearance for pair in pairs])
-        to, every = (distances - wanted[:, None]).argmin(axis=0), np.arange(len(frames))
-        chosen = ends[to, every]
+        clearances = np.array([pair.clearance for pair in pairs])
+        to, rows = (distances - clearances[:, None]).argmin(axis=0), np.arange(len(frames))
+        chosen = ends[to, rows]
         others = tuple(pair.other for pair in pairs)
-        return Nearest(pairs[0].moving, others, to, distances[to, every], wanted[to], chosen[:, 0], chosen[:, 1])
+        return Nearest(pairs[0].moving, others, to, distances[to, rows], clearances[to], chosen[:, 0], chosen[:, 1])
 
     def _distances(self, pair: SolidPair, postures: _Postures) -> FloatArray:
-        found = np.full(len(postures.frames), np.inf)
+        least = np.full(len(postures.frames), np.inf)
         for a, at_a in zip(pair.moving.shapes, postures.of(pair.moving), strict=True):
             for b, at_b in zip(pair.other.shapes, postures.of(pair.other), strict=True):
                 between = [self._distance(a, here, b, there) for here, there in zip(at_a, at_b, strict=True)]
-                np.minimum(found, between, out=found)
-        return found
+                np.minimum(least, between, out=least)
+        return least
 
     def _gaps(self, pair: SolidPair, postures: _Postures, k: int) -> Iterator[tuple[float, tuple[Any, Any]]]:
-        """Distances of the shapes of a pair at the k-th posture, and the points nearest there."""
+        """Yield the distances of the shapes of a pair at the k-th posture, and their nearest points."""
         for a, at_a in zip(pair.moving.shapes, postures.of(pair.moving), strict=True):
             for b, at_b in zip(pair.other.shapes, postures.of(pair.other), strict=True):
                 distance = self._distance(a, at_a[k], b, at_b[k])
@@ -229,7 +265,7 @@ class ContactCheck:
 
 
 class _Search:
-    """What is known of one pair's distance along a motion: `way` (m,) bounds how far it can change."""
+    """Bounds of one pair's distance along a motion; `way` (m,) limits how far it can change between samples."""
 
     def __init__(self, way: FloatArray, samples: Any, distances: FloatArray) -> None:
         self._way, self._samples, self._distances = way, samples, distances
@@ -243,8 +279,9 @@ class _Search:
         return int(self._samples[self._distances.argmin()])
 
     def doubtful(self, goal: float) -> Any:
-        """The middles of stretches in which the distance could fall below `goal`."""
+        """Return the middles of intervals in which the distance could fall below `goal`."""
         first, last = self._samples[:-1], self._samples[1:]
+        # The lowest point of two cones of slope one that start at both ends of the interval.
         lowest = 0.5 * (self._distances[:-1] + self._distances[1:] - (self._way[last] - self._way[first]))
         split = (lowest < goal) & (last - first > 1)
         return (first[split] + last[split]) // 2
@@ -256,19 +293,19 @@ class _Search:
 
 
 class _Postures:
-    """Postures by the frames (m, n, 4, 4) of their joints; where solids' shapes are in them is made once."""
+    """Postures by the frames (m, n, 4, 4) of their joints, with the placements of solids computed once."""
 
     def __init__(self, frames: FloatArray) -> None:
         self.frames = frames
         self._placed: dict[Solid, list[list[Any]]] = {}
 
     def of(self, solid: Solid) -> list[list[Any]]:
-        """Transforms of each of a solid's shapes, at every posture."""
-        found = self._placed.get(solid)
-        if found is None:
-            found = [self._transforms(solid.joint, *placement) for placement in solid.placements]
-            self._placed[solid] = found
-        return found
+        """Return the transforms of each of a solid's shapes, at every posture."""
+        transforms = self._placed.get(solid)
+        if transforms is None:
+            transforms = [self._transforms(solid.joint, *placement) for placement in solid.placements]
+            self._placed[solid] = transforms
+        return transforms
 
     def _transforms(self, joint: int, rotation: FloatArray, origin: FloatArray) -> list[Any]:
         if joint < 0:
@@ -278,18 +315,21 @@ class _Postures:
 
 
 def _least_apart(pair: SolidPair, frames: FloatArray) -> FloatArray:
-    """What a pair's distance (m,) is at least at the frames (m, n, 4, 4): that of capsules around their shapes."""
+    """Return a lower bound (m,) of a pair's distance at the frames (m, n, 4, 4): that of enclosing capsules."""
     if not pair.other.capsules or not pair.moving.capsules:
         return np.full(len(frames), -np.inf)
     a, b = (_segments(solid, frames) for solid in (pair.moving, pair.other))
-    radii = [np.array([one.radius for one in solid.capsules]) for solid in (pair.moving, pair.other)]
-    apart = segment_distances(a[0][..., None], a[1][..., None], b[0][:, :, None], b[1][:, :, None])
-    return np.asarray((apart - radii[0][:, None] - radii[1]).min(axis=(1, 2)))
+    radii = [np.array([capsule.radius for capsule in solid.capsules]) for solid in (pair.moving, pair.other)]
+    distances = segment_distances(a[0][..., None], a[1][..., None], b[0][:, :, None], b[1][:, :, None])
+    return np.asarray((distances - radii[0][:, None] - radii[1]).min(axis=(1, 2)))
 
 
 def _segments(solid: Solid, frames: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Starts and ends (3, m, c) of the axes of a solid's capsules, at the frames (m, n, 4, 4)."""
-    starts, ends = np.array([one.start for one in solid.capsules]), np.array([one.end for one in solid.capsules])
+    """Return starts and ends (3, m, c) of the axes of a solid's capsules, at the frames (m, n, 4, 4)."""
+    starts, ends = (
+        np.array([capsule.start for capsule in solid.capsules]),
+        np.array([capsule.end for capsule in solid.capsules]),
+    )
     if solid.joint < 0:
         still = (3, len(frames), len(starts))
         return np.broadcast_to(starts.T[:, None], still), np.broadcast_to(ends.T[:, None], still)
@@ -298,7 +338,7 @@ def _segments(solid: Solid, frames: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def _in_frame(solid: Solid, frame: FloatArray, point: FloatArray) -> FloatArray:
-    """A point of the base frame in that of a solid's joint."""
+    """Return a point of the base frame in that of a solid's joint."""
     if solid.joint < 0:
         return point
     turned, moved = frame[solid.joint, :3, :3], frame[solid.joint, :3, 3]
@@ -322,10 +362,11 @@ def _geometry(shape: Shape) -> tuple[Any, FloatArray, FloatArray]:
 
 
 def _turned_to(direction: FloatArray, length: float) -> FloatArray:
-    """A rotation (3, 3) whose z axis has this direction."""
+    """Return a rotation (3, 3) whose z axis has this direction."""
     if length == 0.0:
         return np.eye(3)
     z = direction / length
+    # The coordinate axis least parallel to the direction gives the best conditioned cross product.
     helper = np.eye(3)[int(np.abs(z).argmin())]
     x = np.cross(helper, z)
     x /= np.linalg.norm(x)

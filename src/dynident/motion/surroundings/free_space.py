@@ -1,4 +1,4 @@
-"""The room that a motion must stay in: what is checked against what, and how near a motion comes to it."""
+"""Collision-free space of a robot: which pairs are checked, and how near a motion comes to them."""
 
 from __future__ import annotations
 
@@ -36,10 +36,22 @@ _POSTURES_OF_A_PAIR, _UNCHANGED = 20, 1e-6
 
 @dataclass(frozen=True, eq=False)
 class FreeSpace:
-    """What a motion must stay clear of; `clearances` for optimising, `contacts` for the verdict, `None` for nothing.
+    """What a motion must stay clear of.
 
-    `tool` is where the tool may go, at `tool_joint`; `loops` what joints that are not driven have to keep. Of all that
-    is around the robot only a floor may be `assumed`.
+    Parameters
+    ----------
+    robot : Robot
+    clearances : Clearances or None
+        Smooth distances for the optimiser.
+    contacts : ContactCheck or None
+        Exact distances for the final check.
+    tool : ToolRange or None
+        Where the tool may go, at `tool_joint`.
+    notes : tuple of str
+    loops : LoopRooms, optional
+        Limits of joints that are not driven.
+    assumed : bool
+        Whether all that is around the robot is an assumed floor.
     """
 
     robot: Robot
@@ -52,7 +64,7 @@ class FreeSpace:
 
     @cached_property
     def rooms(self) -> Rooms | None:
-        """All that is kept while optimising; `None` for nothing."""
+        """All constraints of the optimiser; None where there are none."""
         parts = tuple(part for part in (self.clearances, self.loops) if part is not None and part.count)
         return JoinedRooms(parts) if parts else None
 
@@ -62,12 +74,12 @@ class FreeSpace:
         return _tool_joint(self.robot, self.tool)
 
     def tool_at(self, q: FloatArray) -> FloatArray:
-        """The tool (m, 3) in the base frame at postures q (m, n)."""
+        """Return the tool (m, 3) in the base frame at postures q (m, n)."""
         assert self.tool is not None
         return tool_path(self.robot, q, self.tool_joint, np.array(self.tool.point))
 
     def complaint(self, q: FloatArray) -> str | None:
-        """What is not kept along a path q (m, n), as the end of a sentence; `None` where all is clear."""
+        """Return what is not kept along a path q (m, n), as the end of a sentence; None where all is clear."""
         followed = None if self.loops is None else self.loops.complaint(q)
         if followed is not None:
             return followed
@@ -84,7 +96,7 @@ class FreeSpace:
         return None
 
     def narrowness(self, q: FloatArray) -> str:
-        """What leaves no room to move at a posture (n,) that is clear itself, as the end of a sentence."""
+        """Return what leaves no room to move at a posture (n,) that is clear itself, as the end of a sentence."""
         if self.contacts is None and self.loops is not None:
             return "joints that follow others are at their limits, or the loops near a singular posture."
         if self.contacts is None:
@@ -93,39 +105,39 @@ class FreeSpace:
         return f"'{nearest.name}' are {nearest.distance:.3g} m apart, which leaves no room to move between them."
 
     def hindered(self, q: FloatArray) -> BoolArray:
-        """At which of postures q (m, n) something is not kept: (m,)."""
-        found = np.zeros(len(q), dtype=np.bool_) if self.loops is None else self.loops.broken(q)
+        """Return at which of postures q (m, n) something is not kept: (m,)."""
+        blocked = np.zeros(len(q), dtype=np.bool_) if self.loops is None else self.loops.broken(q)
         if self.contacts is not None:
-            found |= self.contacts.too_near(q)
+            blocked |= self.contacts.too_near(q)
         if self.tool is not None:
             at = self.tool_at(q)
             for k, (low, high) in enumerate(zip(self.tool.low, self.tool.high, strict=True)):
-                found |= (at[:, k] < (-np.inf if low is None else low)) | (
+                blocked |= (at[:, k] < (-np.inf if low is None else low)) | (
                     at[:, k] > (np.inf if high is None else high)
                 )
-        return found
+        return blocked
 
     def least_room(self, q: FloatArray) -> FloatArray:
-        """How much farther (m) than the clearance all is apart at postures q (m, n), by enclosing capsules: (m,).
+        """Return the smallest distance beyond the clearance (m) at postures q (m, n), by enclosing capsules: (m,).
 
-        Or how far joints that follow others are from their limits, or loops from singular postures, where that is less.
+        Where that is less, it is the distance of follower joints from their limits, or of loops from singular postures.
         """
         return np.full(len(q), np.inf) if self.rooms is None else self.rooms.least(q)
 
 
 def contact_complaint(name: str, distance: float, clearance: float) -> str:
-    """That two things come too near each other."""
+    """Say that two things come too near each other."""
     near = f"would come within {distance:.4g} m of each other" if distance > 0 else "would touch each other"
     return f"'{name}' {near}; {clearance:g} m must be kept."
 
 
 def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, high: FloatArray) -> FreeSpace | None:
-    """Set up what a motion between positions `low` and `high` (n,) must stay clear of; `None` where there is nothing.
+    """Set up what a motion between positions `low` and `high` (n,) must stay clear of; None where there is nothing.
 
     Raises
     ------
     DynidentError
-        There are obstacles, but nothing is known of the robot's shape; or a name that there is not.
+        There are obstacles, but nothing is known of the robot's shape; or a name does not exist.
     """
     surroundings, assumed_radius = assume_floor(robot, surroundings, low, high)
     tool, tree = surroundings.tool_range, robot.tree
@@ -138,6 +150,8 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
         above_floor = collision_geometry(robot, mesh_folders=folders, link_radius=assumed_radius)
     _check_geometry(above_floor, surroundings)
     may_touch = _may_touch(robot, geometry, surroundings)
+    # Random postures show which pairs can come near each other at all. The seed is fixed, so that a request always
+    # gives the same checks.
     postures = _closed_ones(robot, np.random.default_rng(0).uniform(low, high, (_POSTURES, robot.n)))
     ends = (low, high) if robot.linkage is None else _ends_of(robot.linkage.positions(postures))
     solids = {body.joint: solid_of(body.name, body.joint, body.shapes) for body in above_floor.bodies}
@@ -152,6 +166,7 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
         ]
         check = ContactCheck(robot, candidates)
         close = [float(np.mean(check.distances(pair, postures) < surroundings.clearance)) for pair in candidates]
+        # Bodies that are close in most postures are so by construction; no motion can keep them apart.
         own = [pair for pair, share in zip(candidates, close, strict=True) if share < _MOSTLY]
         touching = [pair.name for pair, share in zip(candidates, close, strict=True) if share >= _MOSTLY]
         notes += _self_collision_notes(geometry, touching)
@@ -163,10 +178,10 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
         for body in moving
         for obstacle in obstacles
     ]
-    against, told = _changeable(robot, against, postures, surroundings.clearance)
-    notes += told
-    against, told = _attainable(robot, against, postures, drop=assumed)
-    notes += told
+    against, pair_notes = _changeable(robot, against, postures, surroundings.clearance)
+    notes += pair_notes
+    against, pair_notes = _attainable(robot, against, postures, drop=assumed)
+    notes += pair_notes
     if obstacles and above_floor.bare:
         notes.append(f"Not kept from the surroundings, for want of collision geometry: {listed(above_floor.bare)}.")
     hindrances = _hindrances(robot, above_floor, own, against, surroundings, postures)
@@ -184,7 +199,7 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
 
 
 def _closed_ones(robot: Robot, q: FloatArray) -> FloatArray:
-    """Of driven postures (m, n) those in which the loops are closed; all where hardly any is."""
+    """Return those of driven postures (m, n) in which the loops are closed; all where hardly any is."""
     if robot.linkage is None or robot.linkage.closure is None:
         return q
     closed = np.isfinite(robot.linkage.closure.nearness(q)[0])
@@ -198,28 +213,33 @@ def _ends_of(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _changeable(
     robot: Robot, pairs: Sequence[SolidPair], postures: FloatArray, clearance: float
 ) -> tuple[list[SolidPair], list[str]]:
-    """Pairs whose distance a motion changes; a note names the others where they are near, like a turntable's floor."""
+    """Return pairs whose distance changes with the motion, and notes on near ones that do not, like a turntable's
+    floor.
+    """
     check = ContactCheck(robot, pairs)
-    found = [check.distances(pair, postures[:_POSTURES_OF_A_PAIR]) for pair in pairs]
-    changed = [float(np.ptp(distances)) > _UNCHANGED for distances in found]
+    distances_of_pairs = [check.distances(pair, postures[:_POSTURES_OF_A_PAIR]) for pair in pairs]
+    changed = [float(np.ptp(distances)) > _UNCHANGED for distances in distances_of_pairs]
     near = [
         f"{pair.name} ({round(float(distances[0]), 4) + 0.0:g} m)"
-        for pair, distances, changes in zip(pairs, found, changed, strict=True)
+        for pair, distances, changes in zip(pairs, distances_of_pairs, changed, strict=True)
         if not changes and distances[0] < clearance
     ]
-    kept = [pair for pair, changes in zip(pairs, changed, strict=True) if changes]
-    return kept, [f"No motion changes how near these are, so it is not checked: {listed(near)}."] if near else []
+    variable = [pair for pair, changes in zip(pairs, changed, strict=True) if changes]
+    return variable, [f"No motion changes how near these are, so it is not checked: {listed(near)}."] if near else []
 
 
 def _attainable(
     robot: Robot, pairs: Sequence[SolidPair], postures: FloatArray, *, drop: bool
 ) -> tuple[list[SolidPair], list[str]]:
-    """Pairs with the clearance that can be kept: less than wanted where they are nearer than that in every posture.
+    """Return pairs with a clearance that can be kept, and notes where it had to be reduced.
 
-    An arm that stands on a floor has its first links near it, and one end of them does not move away. With `drop`,
-    pairs that always touch are left out, as such a floor is not where it was assumed for them.
+    It is reduced where a pair is nearer than the clearance in every posture. An arm that stands on a floor has its
+    first
+    links near it, and one end of them does not move away. With `drop`, pairs that always touch are left out, as an
+    assumed
+    floor cannot be there for them.
     """
-    check, kept, notes = ContactCheck(robot, pairs), [], []
+    check, attainable, notes = ContactCheck(robot, pairs), [], []
     for pair in pairs:
         farthest = float(check.distances(pair, postures).max())
         if farthest <= 0 and drop:
@@ -232,8 +252,8 @@ def _attainable(
                 f"never more than {farthest:.3g} m apart."
             )
             pair = replace(pair, clearance=less)
-        kept.append(pair)
-    return kept, notes
+        attainable.append(pair)
+    return attainable, notes
 
 
 def _check_geometry(geometry: CollisionGeometry, surroundings: Surroundings) -> None:
@@ -259,7 +279,7 @@ def _may_touch(robot: Robot, geometry: CollisionGeometry, surroundings: Surround
 
 
 def _not_adjacent(robot: Robot, bodies: Sequence[Body]) -> list[tuple[Body, Body]]:
-    """Pairs of bodies that are not neighbours, the one nearer to the base first."""
+    """Return pairs of bodies that are not neighbours, the one nearer to the base first."""
     shaped = {body.joint for body in bodies}
 
     def before(joint: int) -> int:
@@ -296,7 +316,7 @@ def _hindrances(
         for body in geometry.bodies
     }
     capsules = [(b, a) for pair in own for b in parts[pair.moving.joint] for a in parts[pair.other.joint]]
-    moving = [part for joint, found in parts.items() if joint != BASE for part in found]
+    moving = [part for joint, joint_parts in parts.items() if joint != BASE for part in joint_parts]
     half_spaces = _attainable_ends(
         robot,
         [
@@ -310,7 +330,7 @@ def _hindrances(
         postures,
     )
     planes = _tool_planes(robot, surroundings)
-    beside = [
+    box_balls = [
         (ball, box)
         for box in surroundings.boxes
         for part in moving
@@ -318,18 +338,18 @@ def _hindrances(
         for ball in balls_along(part)
     ]
     followed = _followed(robot, capsules, surroundings.clearance, postures)
-    wanted = [
+    clearances = [
         *(surroundings.clearance for _ in followed),
         *(kept_from[ball.joint, half.name] for ball, half in half_spaces),
         *(surroundings.clearance for _ in planes),
-        *(kept_from[ball.joint, box.solid_name] for ball, box in beside),
+        *(kept_from[ball.joint, box.solid_name] for ball, box in box_balls),
     ]
     # What is designed for is a little more than what must hold: the arm moves between the samples as well.
     return Hindrances(
         tuple(followed),
         (*half_spaces, *planes),
-        tuple((ball, block_of(box)) for ball, box in beside),
-        np.array(wanted) + np.minimum(_SPARE, 0.1 * np.array(wanted)),
+        tuple((ball, block_of(box)) for ball, box in box_balls),
+        np.array(clearances) + np.minimum(_SPARE, 0.1 * np.array(clearances)),
     )
 
 
@@ -339,30 +359,36 @@ def _attainable_ends(
     kept_from: Mapping[tuple[int, str], float],
     postures: FloatArray,
 ) -> list[tuple[Ball, HalfSpace]]:
-    """Ends of capsules that can be as far from a plane as wanted: those around a first link near the floor never are.
+    """Return ends of capsules that can keep their clearance to a plane.
 
-    What the capsules enclose is checked against the plane all the same.
+    Those around a first link near a floor never can. What the capsules enclose is checked against the plane all the
+    same.
     """
     if not ends:
         return []
-    wanted = np.array([kept_from[ball.joint, half.name] for ball, half in ends])
-    rooms = Clearances(robot, Hindrances(half_spaces=tuple(ends), clearance=wanted + _SPARE)).evaluate(postures).values
+    clearances = np.array([kept_from[ball.joint, half.name] for ball, half in ends])
+    rooms = (
+        Clearances(robot, Hindrances(half_spaces=tuple(ends), clearance=clearances + _SPARE)).evaluate(postures).values
+    )
     return [end for end, farthest in zip(ends, rooms.max(axis=0), strict=True) if farthest >= 0]
 
 
 def _followed(
     robot: Robot, capsules: Sequence[tuple[Part, Part]], clearance: float, postures: FloatArray
 ) -> list[tuple[Part, Part]]:
-    """Pairs of capsules that come near each other, but are not so thick that they always are."""
+    """Return pairs of capsules that come near each other, but are not so thick that they always are."""
     if not capsules:
         return []
     rooms = Clearances(robot, Hindrances(pairs=tuple(capsules), clearance=clearance)).evaluate(postures).values
     useful = (rooms.min(axis=0) < _NEAR) & (np.mean(rooms < 0, axis=0) < _MOSTLY)
-    return [pair for pair, kept in zip(capsules, useful, strict=True) if kept]
+    return [pair for pair, is_useful in zip(capsules, useful, strict=True) if is_useful]
 
 
 def _tool_planes(robot: Robot, surroundings: Surroundings) -> list[tuple[Ball, HalfSpace]]:
-    """The tool's range as half-spaces for a ball of minus the clearance: none is kept to the ends of the range."""
+    """Return the tool's range as half-spaces for a ball of radius minus the clearance.
+
+    The clearance cancels that way: none is kept to the ends of the range.
+    """
     tool = surroundings.tool_range
     if tool is None:
         return []

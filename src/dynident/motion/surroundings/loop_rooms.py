@@ -1,6 +1,6 @@
-"""Room that passive joints leave, and others that follow: their limits, and the distance to singular postures.
+"""Room that joints which are not driven leave: their limits, and the distance to singular postures.
 
-Like the clearances of bodies they are functions of the driven joints' posture alone, with exact slopes.
+Like the clearances of bodies, rooms are functions of the driven joints' posture alone, with exact derivatives.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from dynident.robot.model import Robot
 from dynident.robot.stated import Limits
 
 _SPARE = 0.005
-"""Share of a range, at either end, that is kept free while optimising: the motion goes on between the samples."""
+"""Share of a range, at either end, that is kept free while optimising, as the motion goes on between the samples."""
 _SPARE_CONDITION = 0.95
 _PER_LOG = 0.5
-"""Room in m or rad that ln of the condition counts as: twice the largest condition is as bad as 0.35 rad too far."""
+"""Room in m or rad per unit of ln(condition): twice the largest condition is as bad as 0.35 rad too far."""
 _OPEN = -2.0
 """Room where the loops are open: far beyond every limit."""
 
@@ -33,13 +33,13 @@ class LoopRoom:
     slopes: FloatArray
 
     def pull_back(self, gradient: FloatArray) -> FloatArray:
-        """∂/∂q (m, n) from ∂/∂values (m, K)."""
+        """Return ∂/∂q (m, n) from ∂/∂values (m, K)."""
         return np.asarray(np.einsum("mk,mkn->mn", gradient, self.slopes))
 
 
 @dataclass(frozen=True, eq=False)
 class RatedFollowers:
-    """Limits of velocity and acceleration (r,), infinite where there is none, of joints of the tree that follow."""
+    """Limits of velocity and acceleration (r,) of follower joints, infinite where there is none."""
 
     linkage: Linkage
     joints: tuple[int, ...]
@@ -49,40 +49,53 @@ class RatedFollowers:
 
     @classmethod
     def of(cls, robot: Robot, stated: Mapping[str, Limits]) -> RatedFollowers | None:
-        """Those of a robot, tightened by what is stated; `None` where there are none."""
+        """Return those of a robot, tightened by the stated limits; None where there are none."""
         if robot.linkage is None:
             return None
-        found: dict[int, tuple[float, float]] = {}
+        rates: dict[int, tuple[float, float]] = {}
         for place in robot.linkage.passive:
             joint = robot.tree.joints[place]
             both = (joint.limits, stated.get(joint.name, Limits()))
-            velocity = min((one.velocity for one in both if one.velocity is not None), default=np.inf)
-            acceleration = min((one.acceleration for one in both if one.acceleration is not None), default=np.inf)
+            velocity = min((limits.velocity for limits in both if limits.velocity is not None), default=np.inf)
+            acceleration = min(
+                (limits.acceleration for limits in both if limits.acceleration is not None), default=np.inf
+            )
             if np.isfinite([velocity, acceleration]).any():
-                found[place] = velocity, acceleration
-        if not found:
+                rates[place] = velocity, acceleration
+        if not rates:
             return None
-        velocities, accelerations = np.array(list(found.values())).T
-        names = tuple(robot.tree.joint_names[place] for place in found)
-        return cls(robot.linkage, tuple(found), names, velocities, accelerations)
+        velocities, accelerations = np.array(list(rates.values())).T
+        names = tuple(robot.tree.joint_names[place] for place in rates)
+        return cls(robot.linkage, tuple(rates), names, velocities, accelerations)
 
     def largest(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The largest velocities and accelerations (r,) in a motion q, q̇, q̈ (m, n) of the driven joints."""
+        """Return the largest velocities and accelerations (r,) in a motion q, q̇, q̈ (m, n) of the driven joints."""
         _, speed, acceleration = self.linkage.motion(q, dq, ddq)
         own = list(self.joints)
         return np.abs(speed[:, own]).max(axis=0), np.abs(acceleration[:, own]).max(axis=0)
 
     def kept(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
-        """Whether a motion of the driven joints keeps all of them."""
+        """Return whether a motion of the driven joints keeps all of them."""
         velocity, acceleration = self.largest(q, dq, ddq)
         return bool((velocity <= self.velocity).all() and (acceleration <= self.acceleration).all())
 
 
 @dataclass(frozen=True, eq=False)
 class LoopRooms:
-    """Limits of the joints of a machine that are not driven: `joints` (k,) of the tree between `low` and `high` (k,).
+    """Limits of the joints of a machine that are not driven.
 
-    Where it has closed loops, their condition stays below `largest_condition` as well. `rated` are limits of rates.
+    Parameters
+    ----------
+    linkage : Linkage
+    joints : (k,)
+        Indices of the joints in the tree.
+    names : (k,)
+    low, high : (k,)
+        Position limits.
+    largest_condition : float
+        Limit of the condition of closed loops, where there are any.
+    rated : RatedFollowers, optional
+        Limits of rates.
     """
 
     linkage: Linkage
@@ -95,21 +108,21 @@ class LoopRooms:
 
     @classmethod
     def of(cls, robot: Robot, stated: Mapping[str, Limits]) -> LoopRooms | None:
-        """Those of a robot, tightened by what is stated; `None` where nothing but its driven joints is limited."""
+        """Return those of a robot, tightened by the stated limits; None where only its driven joints are limited."""
         if robot.linkage is None:
             return None
-        found: dict[int, tuple[float, float]] = {}
+        position_ranges: dict[int, tuple[float, float]] = {}
         for place in robot.linkage.passive:
             joint = robot.tree.joints[place]
-            ranges = [one.position for one in (joint.limits, stated.get(joint.name, Limits())) if one.position]
+            ranges = [limits.position for limits in (joint.limits, stated.get(joint.name, Limits())) if limits.position]
             if ranges:
-                found[place] = (max(low for low, _ in ranges), min(high for _, high in ranges))
+                position_ranges[place] = (max(low for low, _ in ranges), min(high for _, high in ranges))
         rated = RatedFollowers.of(robot, stated)
-        if not found and rated is None and robot.linkage.closure is None:
+        if not position_ranges and rated is None and robot.linkage.closure is None:
             return None
-        low, high = np.array(list(found.values())).reshape(-1, 2).T
-        names = tuple(robot.tree.joint_names[place] for place in found)
-        return cls(robot.linkage, tuple(found), names, low, high, rated=rated)
+        low, high = np.array(list(position_ranges.values())).reshape(-1, 2).T
+        names = tuple(robot.tree.joint_names[place] for place in position_ranges)
+        return cls(robot.linkage, tuple(position_ranges), names, low, high, rated=rated)
 
     @property
     def count(self) -> int:
@@ -117,37 +130,38 @@ class LoopRooms:
         return 2 * len(self.joints) + (self.linkage.closure is not None)
 
     def positions(self, q: FloatArray) -> FloatArray:
-        """Positions (m, k) of the joints that are limited."""
+        """Return the positions (m, k) of the limited joints."""
         return self.linkage.positions(q)[:, list(self.joints)]
 
     def conditions(self, q: FloatArray) -> FloatArray:
-        """Condition (m,) of the loops; infinite where they are open, 1 where there are none."""
+        """Return the condition (m,) of the loops; infinite where they are open, 1 where there are none."""
         closure = self.linkage.closure
         return np.ones(len(q)) if closure is None else np.exp(closure.nearness(q)[0])
 
     def evaluate(self, q: FloatArray) -> LoopRoom:
-        """The rooms at postures q (m, n)."""
+        """Return the rooms at postures q (m, n)."""
         slopes = self.linkage.rates(q)[:, list(self.joints)]
         at, spare = self.positions(q), _SPARE * (self.high - self.low)
         values = [at - (self.low + spare), (self.high - spare) - at]
         ways = [slopes, -slopes]
         if self.linkage.closure is not None:
             near, way = self.linkage.closure.nearness(q)
+            # The logarithm makes a smooth room of a condition that grows without limit towards a singular posture.
             room = _PER_LOG * (np.log(_SPARE_CONDITION * self.largest_condition) - near)
-            open_ones = ~np.isfinite(room)
-            values.append(np.where(open_ones, _OPEN, room)[:, None])
+            is_open = ~np.isfinite(room)
+            values.append(np.where(is_open, _OPEN, room)[:, None])
             ways.append(-_PER_LOG * way[:, None])
             # Positions of an open loop mean nothing.
-            values[:2] = [np.where(open_ones[:, None], 0.0, one) for one in values[:2]]
-            ways[:2] = [np.where(open_ones[:, None, None], 0.0, one) for one in ways[:2]]
+            values[:2] = [np.where(is_open[:, None], 0.0, rows) for rows in values[:2]]
+            ways[:2] = [np.where(is_open[:, None, None], 0.0, rows) for rows in ways[:2]]
         return LoopRoom(np.concatenate(values, axis=1), np.concatenate(ways, axis=1))
 
     def least(self, q: FloatArray) -> FloatArray:
-        """The smallest room (m,) at postures q (m, n)."""
+        """Return the smallest room (m,) at postures q (m, n)."""
         return np.asarray(self.evaluate(q).values.min(axis=1, initial=np.inf))
 
     def complaint(self, q: FloatArray) -> str | None:
-        """What is not kept along a path q (m, n), as the end of a sentence; `None` where all is."""
+        """Return what is not kept along a path q (m, n), as the end of a sentence; None where all is."""
         condition = float(self.conditions(q).max())
         if condition > self.largest_condition:
             return singular_complaint(condition, self.largest_condition)
@@ -161,14 +175,14 @@ class LoopRooms:
         return None
 
     def broken(self, q: FloatArray) -> BoolArray:
-        """At which of postures q (m, n) a limit is: (m,)."""
+        """Return at which of postures q (m, n) a limit is broken: (m,)."""
         at = self.positions(q)
         outside = ((at < self.low) | (at > self.high)).any(axis=1)
         return np.asarray(outside | (self.conditions(q) > self.largest_condition))
 
 
 def singular_complaint(condition: float, largest: float) -> str:
-    """That the loops come too near a posture in which the driven joints do not determine the passive ones."""
+    """Say that the loops come too near a posture in which the driven joints do not determine the passive ones."""
     if not np.isfinite(condition):
         return "the closed loops would be open: no position of the passive joints closes them there."
     return (

@@ -1,4 +1,4 @@
-"""What stands around the robot, as the user states it: floor, walls, boxes, and where the tool may go."""
+"""Geometry of the stated surroundings: floor, walls, boxes and the tool's range, and their checks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = [
 
 _AT = "/surroundings"
 _SHORTEST = 1e-9
-"""Of a normal: a shorter one has no direction that is more than rounding."""
+"""Shortest valid normal: the direction of a shorter one is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class HalfSpace:
 
 
 def block_of(box: Box) -> Block:
-    """A box as a shape in the base frame."""
+    """Return a box as a shape in the base frame."""
     placement = np.eye(4)
     placement[:3, :3] = Rotation.from_euler("xyz", box.rpy).as_matrix()
     placement[:3, 3] = box.center
@@ -49,16 +49,25 @@ def block_of(box: Box) -> Block:
 
 
 def half_spaces_of(surroundings: Surroundings) -> tuple[HalfSpace, ...]:
-    """Floor and walls."""
-    made = [] if surroundings.floor is None else [HalfSpace("floor", np.array([0.0, 0.0, 1.0]), surroundings.floor)]
+    """Return floor and walls as half-spaces."""
+    half_spaces = (
+        [] if surroundings.floor is None else [HalfSpace("floor", np.array([0.0, 0.0, 1.0]), surroundings.floor)]
+    )
     for wall in surroundings.walls:
         normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
-        made.append(HalfSpace(f"wall '{wall.name}'", normal, float(normal @ np.array(wall.point))))
-    return tuple(made)
+        half_spaces.append(HalfSpace(f"wall '{wall.name}'", normal, float(normal @ np.array(wall.point))))
+    return tuple(half_spaces)
 
 
 def check_surroundings(surroundings: Surroundings, joint_names: Sequence[str] | None = None) -> None:
-    """Raise `DynidentError` for what is no obstacle, no range or no distance; the joint where names are given."""
+    """Raise `DynidentError` for an invalid obstacle, range or distance.
+
+    Parameters
+    ----------
+    surroundings : Surroundings
+    joint_names : sequence of str, optional
+        Names that the joint of the tool must be among.
+    """
     check_ranges(surroundings, _AT)
     for index, wall in enumerate(surroundings.walls):
         at = pointer(index, within=f"{_AT}/walls")

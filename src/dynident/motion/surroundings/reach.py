@@ -1,4 +1,4 @@
-"""How far a motion takes the arm: what its user has to see to where nothing around the robot was stated."""
+"""Reach of a motion: how far it takes the arm, for notes where no surroundings were stated."""
 
 from __future__ import annotations
 
@@ -15,16 +15,24 @@ NOTHING_STATED = "NOTHING AROUND THE ROBOT IS CHECKED"
 FLOOR_ALONE = "NOTHING BUT A FLOOR THROUGH THE BASE IS CHECKED"
 """How the notes begin that say so."""
 _BELOW = 1e-3
-"""Metres below the base plane that are rounding."""
+"""Distance below the base plane that is rounding, m."""
 
 
 @dataclass(frozen=True)
 class Reach:
-    """How far the joints of an arm go from its base, in m, and the joint, the time in s and the share of time there.
+    """How far the joints of an arm go from its base, m, with the joint, the time (s) and the share of time there.
 
-    lowest : height of the lowest joint's origin over the plane z = 0 of the base frame
-    below : share of the time in which some joint's origin is below that plane
-    widest : distance of the farthest joint's origin from the base frame's z axis
+    Parameters
+    ----------
+    lowest : float
+        Height of the lowest joint's origin over the plane z = 0 of the base frame.
+    lowest_joint : str
+    lowest_time : float
+    below : float
+        Share of the time in which some joint's origin is below that plane.
+    widest : float
+        Distance of the farthest joint's origin from the base frame's z axis.
+    widest_joint : str
     """
 
     lowest: float
@@ -55,15 +63,28 @@ def measure_reach(robot: Robot, t: FloatArray, q: FloatArray) -> Reach:
 def reach_notes(
     robot: Robot, t: FloatArray, q: FloatArray, surroundings: Surroundings, *, floor_assumed: bool = False
 ) -> tuple[str, ...]:
-    """Say how far a motion goes where neither a floor nor anything else around the robot was stated; else nothing."""
+    """Return notes on the reach of a motion where no obstacle was stated; none otherwise.
+
+    Parameters
+    ----------
+    robot : Robot
+    t, q : (m,), (m, n)
+    surroundings : Surroundings
+    floor_assumed : bool
+        Whether a floor was assumed.
+
+    Returns
+    -------
+    tuple of str
+    """
     if surroundings.has_obstacles or surroundings.tool_range is not None:
         return ()
     reach = measure_reach(robot, t, q)
     height = f"{abs(reach.lowest):.2f} m {'below' if reach.lowest < 0 else 'above'} the base plane"
     below = f", below that plane for {reach.below:.0%} of the time" if reach.below else ""
-    said = FLOOR_ALONE if floor_assumed else NOTHING_STATED
+    heading = FLOOR_ALONE if floor_assumed else NOTHING_STATED
     return (
-        f"{said}: no floor, wall or box was stated (surroundings). Lowest comes {reach.lowest_joint}, "
+        f"{heading}: no floor, wall or box was stated (surroundings). Lowest comes {reach.lowest_joint}, "
         f"{height} at {reach.lowest_time:.1f} s{below}; widest {reach.widest_joint}, {reach.widest:.2f} m from the "
         "base's axis; links and tool reach further. See that this is free, and run it at a third of the speed first.",
     )

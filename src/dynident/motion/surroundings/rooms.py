@@ -1,4 +1,4 @@
-"""All that a posture has to keep beside the ranges of the driven joints, side by side for the optimiser."""
+"""Slack of all constraints on a posture besides the ranges of the driven joints, combined for the optimiser."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from dynident.arrays import FloatArray
 
 
 class Room(Protocol):
-    """At m postures: `values` (m, K), negative where something is not kept."""
+    """Slack at m postures: `values` (m, K), negative where a constraint is violated."""
 
     @property
     def values(self) -> FloatArray:
-        """(m, K)."""
+        """Slack (m, K)."""
         ...
 
     def pull_back(self, gradient: FloatArray) -> FloatArray:
-        """∂/∂q (m, n) from ∂/∂values (m, K)."""
+        """Return ∂/∂q (m, n) from ∂/∂values (m, K)."""
         ...
 
 
 class Rooms(Protocol):
-    """Rooms as functions of the posture."""
+    """Slack of constraints as a function of the posture."""
 
     @property
     def count(self) -> int:
-        """Number of rooms K."""
+        """Number of constraints K."""
         ...
 
     def evaluate(self, q: FloatArray) -> Room:
-        """The rooms at postures q (m, n)."""
+        """Return the slack at postures q (m, n)."""
         ...
 
     def least(self, q: FloatArray) -> FloatArray:
-        """The smallest room (m,) at postures q (m, n)."""
+        """Return the smallest slack (m,) at postures q (m, n)."""
         ...
 
 
@@ -46,11 +46,11 @@ class _JoinedRoom:
 
     @property
     def values(self) -> FloatArray:
-        """(m, K) of all parts."""
+        """Slack (m, K) of all parts."""
         return np.concatenate([part.values for part in self.parts], axis=1)
 
     def pull_back(self, gradient: FloatArray) -> FloatArray:
-        """∂/∂q (m, n) from ∂/∂values (m, K)."""
+        """Return ∂/∂q (m, n) from ∂/∂values (m, K)."""
         ends = np.cumsum([part.values.shape[1] for part in self.parts])[:-1]
         pieces = np.split(gradient, ends, axis=1)
         return np.asarray(sum(part.pull_back(piece) for part, piece in zip(self.parts, pieces, strict=True)))
@@ -58,19 +58,19 @@ class _JoinedRoom:
 
 @dataclass(frozen=True, eq=False)
 class JoinedRooms:
-    """Several kinds of rooms."""
+    """Several kinds of constraints."""
 
     parts: tuple[Rooms, ...]
 
     @property
     def count(self) -> int:
-        """Number of rooms K."""
+        """Number of constraints K."""
         return sum(part.count for part in self.parts)
 
     def evaluate(self, q: FloatArray) -> Room:
-        """The rooms at postures q (m, n)."""
+        """Return the slack at postures q (m, n)."""
         return _JoinedRoom(tuple(part.evaluate(q) for part in self.parts))
 
     def least(self, q: FloatArray) -> FloatArray:
-        """The smallest room (m,) at postures q (m, n)."""
+        """Return the smallest slack (m,) at postures q (m, n)."""
         return np.asarray(np.min([part.least(q) for part in self.parts], axis=0))

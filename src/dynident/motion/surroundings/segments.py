@@ -1,4 +1,4 @@
-"""Distances that capsules are kept apart by: between segments, and from points to boxes, many at once.
+"""Distances between segments, and from points to boxes, many at once.
 
 Coordinates are the first axis (3, …): arrays then stay long where the work is done.
 """
@@ -16,7 +16,7 @@ _PARALLEL = 1e-9
 
 
 def closest_shares(a: FloatArray, a_end: FloatArray, b: FloatArray, b_end: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where on two segments the closest points lie: shares (…) from 0 (start) to 1 (end) of a and of b (3, …).
+    """Return where on two segments the closest points lie: shares (…) from 0 (start) to 1 (end) of a and of b (3, …).
 
     After Ericson, Real-time collision detection (2005), §5.1.9, for arrays.
     """
@@ -29,25 +29,29 @@ def closest_shares(a: FloatArray, a_end: FloatArray, b: FloatArray, b_end: Float
     # Of parallel segments many points are the closest: the middle of a is as good a choice as any.
     s = np.where(parallel, 0.5, _clipped((ab * br - ar * bb) / np.where(parallel, 1.0, slanted)))
     t = _clipped((ab * s + br) / bb_safe)
+    # Clipping t moved the closest point of b, so the one of a has to follow, and then that of b once more.
     s = _clipped((ab * t - ar) / aa_safe)
     return s, _clipped((ab * s + br) / bb_safe)
 
 
 def segment_distances(a: FloatArray, a_end: FloatArray, b: FloatArray, b_end: FloatArray) -> FloatArray:
-    """Distances (…) of segments from `a` to `a_end` from those from `b` to `b_end`, all (3, …), which broadcast."""
+    """Return distances (…) of segments from `a` to `a_end` to those from `b` to `b_end`, all (3, …).
+
+    The arrays broadcast.
+    """
     s, t = closest_shares(a, a_end, b, b_end)
     between = a + s * (a_end - a) - b - t * (b_end - b)
     return np.asarray(np.sqrt(dot(between, between)))
 
 
 def unit(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lengths (…) and directions (3, …) of vectors; no direction where there is no length."""
+    """Return lengths (…) and directions (3, …) of vectors; no direction where there is no length."""
     length: FloatArray = np.sqrt(dot(vectors, vectors))
     return length, vectors / np.maximum(length, _TINY)
 
 
 def distance_to_block(points: FloatArray, block: Block) -> tuple[FloatArray, FloatArray]:
-    """Signed distance (…) of points (3, …) from a box, negative inside, and its gradient (3, …)."""
+    """Return the signed distance (…) of points (3, …) from a box, negative inside, and its gradient (3, …)."""
     rotation, centre = block.placement[:3, :3], block.placement[:3, 3]
     local = np.tensordot(rotation.T, points, 1)
     local -= (rotation.T @ centre).reshape(3, *[1] * (points.ndim - 1))
@@ -55,19 +59,20 @@ def distance_to_block(points: FloatArray, block: Block) -> tuple[FloatArray, Flo
     length, direction = unit(np.maximum(beyond, 0.0))
     deepest = beyond.max(axis=0)
     inside = deepest <= 0.0
+    # Inside, the nearest face is the one that is least deep.
     direction = np.where(inside, beyond == deepest, direction)
     gradient: FloatArray = np.tensordot(rotation, direction * np.where(local < 0.0, -1.0, 1.0), 1)
     return np.where(inside, deepest, length), gradient
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Scalar products (…) of vectors (3, …)."""
+    """Return scalar products (…) of vectors (3, …)."""
     product: FloatArray = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     return product
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Vector products (3, …) of vectors (3, …)."""
+    """Return vector products (3, …) of vectors (3, …)."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 

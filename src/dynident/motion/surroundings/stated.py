@@ -1,4 +1,4 @@
-"""What stands around the robot, as it is stated."""
+"""Surroundings as a request states them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dynident.asking import said
 
 DEFAULT_CLEARANCE = 0.02
 FARTHEST = 1e4
-"""m: nothing that a robot can touch is farther."""
+"""Largest coordinate, m: a robot can touch nothing that is farther."""
 Vector = tuple[float, float, float]
 Ends = tuple[float | None, float | None, float | None]
 
@@ -24,7 +24,7 @@ class Box:
 
     @property
     def solid_name(self) -> str:
-        """As it is called in margins and messages."""
+        """Name of the box in margins and messages."""
         return f"box '{self.name}'"
 
 

@@ -1,1 +1,1 @@
-"""Motions over time: what a motion is, and the families of periodic ones."""
+"""Motions over time: what a motion is, and families of periodic ones."""

@@ -13,21 +13,28 @@ from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 
 DEGREE = 5
-"""The fourth derivative, which some effects need, is then still continuous."""
+"""Degree of the splines: the fourth derivative, which some effects need, is then still continuous."""
 
 # A coefficient moves velocities as much as one of a Fourier series does: ∫ (2π cos 2πu)² du.
 _MEAN_SQUARE = (2 * np.pi) ** 2 / 2
 _QUADRATURE = 12
-"""Points of an interval: more than enough to integrate squares of polynomials of degree 4 exactly."""
+"""Quadrature points per interval: more than enough to integrate squares of polynomials of degree 4 exactly."""
 
 
 @dataclass(frozen=True)
 class BSplineFamily:
-    """q(t) = q0 + Σ_i x_i B_i(t) for each joint, with q̇ = q̈ = 0 at the period's border, where all of them meet.
+    """q(t) = q0 + Σ_i x_i B_i(t) for each joint, with q̇ = q̈ = 0 at the border of the period.
 
     Of a clamped spline of degree 5 the first three and the last three control points are one posture: that is rest.
-    What is left, m = intervals coefficients of a joint, is free. The shapes B_i have no mean, and their velocities
-    are orthonormal: offsets and shapes, slow and fast ones, then weigh alike, which the optimiser likes.
+    The remaining m = intervals coefficients of a joint are free. The shapes B_i have no mean, and their velocities
+    are orthonormal: offsets and shapes, slow and fast ones, then have similar effects, which helps the optimiser.
+
+    Parameters
+    ----------
+    intervals : int
+        Number of polynomial pieces of a period.
+    period : float
+        s
     """
 
     intervals: int
@@ -46,50 +53,53 @@ class BSplineFamily:
 
     @property
     def n_coefficients(self) -> int:
-        """Free coefficients m of one joint; the first is the offset q0."""
+        """Number of free coefficients m of one joint; the first is the offset q0."""
         return self.intervals
 
     @property
     def waves(self) -> int:
-        """Two intervals make a wave."""
+        """Number of waves in a period; two intervals make one."""
         return (self.intervals + 1) // 2
 
     @property
     def highest_frequency(self) -> float:
-        """Of those waves, in Hz."""
+        """Frequency of these waves, Hz."""
         return self.waves / self.period
 
     def lasting(self, period: float) -> BSplineFamily:
-        """The same paths in another time (s)."""
+        """Return the family of the same paths with another period (s)."""
         return replace(self, period=period)
 
     @cached_property
     def _splines(self) -> tuple[BSpline, ...]:
-        """The shapes (m - 1) over u = t / period from 0 to 1, and their four derivatives."""
+        """Shapes (m - 1) over u = t / period from 0 to 1, and their four derivatives."""
         ends = (np.zeros(DEGREE), np.linspace(0.0, 1.0, self.intervals + 1), np.ones(DEGREE))
         knots = np.concatenate(ends)
+        # Without the three control points at either end, all shapes and two derivatives of theirs are zero at the
+        # border.
         control = np.eye(self.intervals + DEGREE)[:, 3:-3]
         means = (knots[DEGREE + 1 :] - knots[: -DEGREE - 1])[3:-3] / (DEGREE + 1)
         plain = BSpline(knots, control - means, DEGREE)
         velocity = plain.derivative()(self._nodes[0])
         gram = (velocity * self._nodes[1][:, None]).T @ velocity / _MEAN_SQUARE
+        # Gram-Schmidt on the velocities, by the Cholesky factor of their inner products.
         lower = np.linalg.cholesky(gram)
         shapes = BSpline(knots, solve_triangular(lower, (control - means).T, lower=True).T, DEGREE)
         return tuple(shapes.derivative(order) if order else shapes for order in range(5))
 
     @property
     def _nodes(self) -> tuple[FloatArray, FloatArray]:
-        """Places in [0, 1] and weights of a quadrature over all intervals."""
+        """Points in [0, 1] and weights of a quadrature over all intervals."""
         places, weights = np.polynomial.legendre.leggauss(_QUADRATURE)
         first = np.arange(self.intervals)[:, None]
         u = (first + 0.5 * (places + 1.0)) / self.intervals
         return u.ravel(), np.tile(0.5 * weights / self.intervals, self.intervals)
 
     def basis(self, t: FloatArray) -> FloatArray:
-        """Values (5, len(t), m) such that q and its four derivatives are `basis(t)[d] @ x`."""
+        """Return values (5, len(t), m) such that q and its four derivatives are `basis(t)[d] @ x`."""
         u = np.clip(np.mod(t, self.period) / self.period, 0.0, 1.0)
-        made = np.zeros((5, len(t), self.n_coefficients))
-        made[0, :, 0] = 1.0
+        values = np.zeros((5, len(t), self.n_coefficients))
+        values[0, :, 0] = 1.0
         for order, spline in enumerate(self._splines):
-            made[order, :, 1:] = spline(u) / self.period**order
-        return made
+            values[order, :, 1:] = spline(u) / self.period**order
+        return values

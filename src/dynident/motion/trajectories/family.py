@@ -1,4 +1,4 @@
-"""What a family of periodic trajectories is to the designs: a linear map from coefficients to a motion."""
+"""Families of periodic trajectories, as designs see them: a linear map from coefficients to a motion."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class Family(Protocol):
 
     @property
     def period(self) -> float:
-        """Seconds."""
+        """Length of a period, s."""
 
     @property
     def n_coefficients(self) -> int:
-        """Free coefficients m of one joint."""
+        """Number of free coefficients m of one joint."""
 
     @property
     def waves(self) -> int:
@@ -31,18 +31,18 @@ class Family(Protocol):
 
     @property
     def highest_frequency(self) -> float:
-        """Of those waves, in Hz."""
+        """Frequency of these waves, Hz."""
 
     def basis(self, t: FloatArray) -> FloatArray:
-        """Values (5, len(t), m) such that q and its four derivatives are `basis(t)[d] @ x`."""
+        """Return values (5, len(t), m) such that q and its four derivatives are `basis(t)[d] @ x`."""
 
     def lasting(self, period: float) -> Family:
-        """The family whose trajectories take the same paths in another time (s)."""
+        """Return the family of the same paths with another period (s)."""
 
 
 @dataclass(frozen=True, eq=False)
 class PeriodicMotion:
-    """One trajectory of a family, `periods` times over; x (m, n)."""
+    """One trajectory of a family with coefficients x (m, n), repeated `periods` times."""
 
     family: Family
     x: FloatArray
@@ -50,11 +50,11 @@ class PeriodicMotion:
 
     @property
     def duration(self) -> float:
-        """Seconds of all periods."""
+        """Duration of all periods, s."""
         return self.family.period * self.periods
 
     def evaluate(self, t: FloatArray) -> Motion:
-        """The motion at times t (m,)."""
+        """Return the motion at times t (m,)."""
         q, dq, ddq, dddq, _ = self.family.basis(t) @ self.x
         return Motion(t, q, dq, ddq, dddq)
 

@@ -14,11 +14,17 @@ from dynident.errors import DynidentError
 
 @dataclass(frozen=True)
 class FourierFamily:
-    """q(t) = q0 + Σ_k a_k sin kωt + b_k cos kωt for each joint, with q̇ = q̈ = 0 at the period's border.
+    """q(t) = q0 + Σ_k a_k sin kωt + b_k cos kωt for each joint, with q̇ = q̈ = 0 at the border of the period.
 
     Rest at the border is two linear conditions a joint, Σ k a_k = 0 and Σ k² b_k = 0. They are eliminated: the
     coefficients x (m, n), m = 2 harmonics - 1, are free, q and its derivatives are linear in them, and no harmonic
     above the last one appears however often the period is repeated.
+
+    Parameters
+    ----------
+    harmonics : int
+    period : float
+        s
     """
 
     harmonics: int
@@ -37,29 +43,29 @@ class FourierFamily:
 
     @property
     def n_coefficients(self) -> int:
-        """Free coefficients m of one joint; the first is the offset q0."""
+        """Number of free coefficients m of one joint; the first is the offset q0."""
         return 2 * self.harmonics - 1
 
     @property
     def waves(self) -> int:
-        """The last harmonic."""
+        """Number of the last harmonic."""
         return self.harmonics
 
     @property
     def highest_frequency(self) -> float:
-        """Hz, of the last harmonic."""
+        """Frequency of the last harmonic, Hz."""
         return self.harmonics / self.period
 
     def lasting(self, period: float) -> FourierFamily:
-        """The same paths in another time (s)."""
+        """Return the family of the same paths with another period (s)."""
         return replace(self, period=period)
 
     @cached_property
     def _free(self) -> tuple[FloatArray, FloatArray]:
         """Sine and cosine amplitudes (harmonics, harmonics - 1) for unit free coefficients.
 
-        The k-th amplitude is measured in 1/k: positions, velocities and accelerations then weigh more alike, which
-        the optimiser likes.
+        The k-th amplitude is measured in 1/k: positions, velocities and accelerations then have similar effects, which
+        helps the optimiser.
         """
         k = np.arange(1.0, self.harmonics + 1)
         scale = 1.0 / k
@@ -68,17 +74,18 @@ class FourierFamily:
         return sine, cosine
 
     def basis(self, t: FloatArray) -> FloatArray:
-        """Values (5, len(t), m) such that q and its four derivatives are `basis(t)[d] @ x`."""
+        """Return values (5, len(t), m) such that q and its four derivatives are `basis(t)[d] @ x`."""
         omega = 2 * np.pi / self.period * np.arange(1, self.harmonics + 1)
+        # Reduced to one period first: the sine of a large phase loses digits.
         phase = np.outer(np.mod(t, self.period), omega)
         sin, cos = np.sin(phase), np.cos(phase)
         sine, cosine = self._free
-        made = np.zeros((5, len(t), self.n_coefficients))
-        made[0, :, 0] = 1.0
+        values = np.zeros((5, len(t), self.n_coefficients))
+        values[0, :, 0] = 1.0
         middle = self.harmonics
         derivatives = ((sin, cos), (cos, -sin), (-sin, -cos), (-cos, sin), (sin, cos))
         for order, (of_sine, of_cosine) in enumerate(derivatives):
             weight = omega**order
-            made[order, :, 1:middle] = (of_sine * weight) @ sine
-            made[order, :, middle:] = (of_cosine * weight) @ cosine
-        return made
+            values[order, :, 1:middle] = (of_sine * weight) @ sine
+            values[order, :, middle:] = (of_cosine * weight) @ cosine
+        return values

@@ -1,4 +1,4 @@
-"""Motion of all joints over time: what every trajectory family evaluates to, and motions one after the other."""
+"""Motion of all joints over time, pieces of motion, and sequences of them."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class Motion:
 
 
 class Piece(Protocol):
-    """A motion of its own from time 0 to `duration`."""
+    """A motion from time 0 to `duration`."""
 
     @property
     def duration(self) -> float:
-        """Seconds."""
+        """Duration, s."""
 
     def evaluate(self, t: FloatArray) -> Motion:
-        """The motion at times t (m,) between 0 and `duration`."""
+        """Return the motion at times t (m,) between 0 and `duration`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,22 +44,33 @@ class Rest:
     duration: float = 0.0
 
     def evaluate(self, t: FloatArray) -> Motion:
-        """The posture, at all times."""
+        """Return the posture, at all times."""
         zero = np.zeros((len(t), len(self.posture)))
         return Motion(t, zero + self.posture, zero, zero, zero)
 
 
 def in_sequence(pieces: Sequence[Piece], rate: float) -> Motion:
-    """Sample motions that follow each other at `rate` (Hz).
+    """Sample pieces of motion one after the other.
 
     The duration of each piece is a whole number of sampling periods, so that no sample falls between the grids of two
     of them. A border belongs to the piece that begins there; the last piece keeps its end.
+
+    Parameters
+    ----------
+    pieces : sequence of Piece
+    rate : float
+        Sampling rate in Hz.
+
+    Returns
+    -------
+    Motion
     """
     check_length(pieces, rate)
     parts: list[Motion] = []
     start = 0
     for piece in pieces:
         steps = steps_of(piece, rate)
+        # Rounding of the last times must not evaluate a piece beyond its end.
         part = piece.evaluate(np.minimum(np.arange(steps) / rate, piece.duration))
         parts.append(Motion((start + np.arange(steps)) / rate, part.q, part.dq, part.ddq, part.dddq))
         start += steps
@@ -69,7 +80,7 @@ def in_sequence(pieces: Sequence[Piece], rate: float) -> Motion:
 
 
 def check_length(pieces: Sequence[Piece], rate: float) -> None:
-    """Raise where motions one after the other have more samples at `rate` (Hz) than can be handled."""
+    """Raise `DynidentError` where a sequence of pieces has more samples at `rate` (Hz) than can be handled."""
     samples = sum(piece.duration for piece in pieces) * rate
     if samples > MOST_SAMPLES:
         raise DynidentError(
@@ -80,7 +91,7 @@ def check_length(pieces: Sequence[Piece], rate: float) -> None:
 
 
 def joined(parts: Sequence[Motion]) -> Motion:
-    """One motion of all samples."""
+    """Concatenate samples into one motion."""
     return Motion(
         t=np.concatenate([part.t for part in parts]),
         q=np.concatenate([part.q for part in parts]),
@@ -91,5 +102,5 @@ def joined(parts: Sequence[Motion]) -> Motion:
 
 
 def steps_of(piece: Piece, rate: float) -> int:
-    """Number of sampling periods in a piece."""
+    """Return the number of sampling periods in a piece."""
     return round(piece.duration * rate)

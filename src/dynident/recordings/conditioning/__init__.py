@@ -1,4 +1,4 @@
-"""What is put right in a recording before anything else looks at it."""
+"""Conditioning: what is repaired in a recording before anything else looks at it."""
 
 from dynident.recordings.conditioning.stage import STEPS, Conditioning
 

@@ -1,4 +1,4 @@
-"""Samples that are missing: bridged where that is safe, and their rows left out where it is not."""
+"""Missing samples: interpolated over short gaps, and their rows left out over long ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_MISSING = 0.3
 
 
 class MissingValues:
-    """Takes cells that hold no number, or one that no sensor gives, for missing."""
+    """Marks cells without a number, or with one that no sensor gives, as missing (NaN)."""
 
     name = "missing_values"
 
@@ -28,7 +28,7 @@ class MissingValues:
         self._found = FoundRows()
 
     def apply(self, window: Window) -> None:
-        """Mark them in a window."""
+        """Mark the missing values in a window."""
         needed = np.flatnonzero(self._signals.needed)
         missing = ~are_readings(window.values[:, needed])
         for index in np.flatnonzero(missing.any(axis=0)):
@@ -38,20 +38,20 @@ class MissingValues:
             self._found.add(int(needed[index]), own, window.t[own - 1 - window.first_row])
 
     def checks(self) -> list[Check]:
-        """Say which cells those are."""
-        found = self._found
-        if not found.n:
+        """Report which cells were missing."""
+        rows = self._found
+        if not rows.n:
             return [Check(self.name, "ok", "Every cell that is needed holds a number.")]
         detail = (
-            f"{found.n} cell{'s hold' if found.n > 1 else ' holds'} no number, or one that no sensor gives: "
-            f"{found.describe(self._signals.sources)}. They are replaced by what lies between their neighbours where "
+            f"{rows.n} cell{'s hold' if rows.n > 1 else ' holds'} no number, or one that no sensor gives: "
+            f"{rows.describe(self._signals.sources)}. They are replaced by what lies between their neighbours where "
             "those are near, and else their rows are left out."
         )
-        return [found.check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.check(self.name, "warning", detail, self._signals.sources)]
 
 
 class BridgedGaps:
-    """Puts in what lies between their neighbours for short stretches of missing samples."""
+    """Interpolates over short stretches of missing samples."""
 
     name = "rows_left_out"
 
@@ -62,7 +62,7 @@ class BridgedGaps:
         self._n_lost = 0
 
     def apply(self, window: Window) -> None:
-        """Bridge those of a window; what stays missing is left out by those who read it."""
+        """Bridge the short gaps in a window; readers leave out the rows that stay NaN."""
         signals = self._signals
         needed = np.flatnonzero(signals.needed)
         missing = np.isnan(window.values[:, needed])
@@ -79,49 +79,75 @@ class BridgedGaps:
         self._n_lost += int(lost.sum())
 
     def checks(self) -> list[Check]:
-        """Say which rows are left out."""
-        found = self._found
-        if not found.n:
+        """Report which rows are left out."""
+        rows = self._found
+        if not rows.n:
             return []
         detail = (
             f"{self._n_lost} of {self._n_rows} rows are left out, and nothing is filtered across them: samples are "
-            f"missing there for longer than can be bridged, in {found.describe(self._signals.sources)}."
+            f"missing there for longer than can be bridged, in {rows.describe(self._signals.sources)}."
         )
         much = self._n_lost > MOST_MISSING * self._n_rows
-        return [found.check(self.name, "error" if much else "warning", detail, self._signals.sources)]
+        return [rows.check(self.name, "error" if much else "warning", detail, self._signals.sources)]
 
 
 def bridge(t: FloatArray, x: FloatArray, run: IntArray, most: int, *, smooth: bool) -> None:
-    """Replace up to `most` missing samples in a row of x (m,) by what lies between those beside them, in place."""
+    """Interpolate, in place, over gaps of up to `most` missing samples.
+
+    Parameters
+    ----------
+    t, x : (m,)
+        Times in s, and one signal with NaN where samples are missing.
+    run : (m,)
+        Number of the stretch without a gap in time that each row belongs to.
+    most : int
+    smooth : bool
+        Whether a cubic through two samples on either side is used, else a straight line.
+    """
     missing = np.isnan(x)
     starts, ends = row_edges(missing)
-    known = np.flatnonzero(~missing)
+    present = np.flatnonzero(~missing)
+    # Gaps of one length at a time: all of them are then interpolated by one array operation.
     for length in range(1, most + 1):
-        chosen = starts[ends - starts == length]
-        before = np.searchsorted(known, chosen) - 1
-        inside = (before >= 1) & (before + 2 < len(known))
-        chosen, before = chosen[inside], before[inside]
-        if not len(chosen):
+        gap_starts = starts[ends - starts == length]
+        before = np.searchsorted(present, gap_starts) - 1
+        inside = (before >= 1) & (before + 2 < len(present))
+        gap_starts, before = gap_starts[inside], before[inside]
+        if not len(gap_starts):
             continue
-        anchors = known[before[:, None] + np.array([-1, 0, 1, 2])]
+        anchors = present[before[:, None] + np.array([-1, 0, 1, 2])]
         # Across a gap in time nothing is bridged; farther anchors may lie beyond other missing samples.
         near = run[anchors[:, 0]] == run[anchors[:, 3]]
-        chosen, anchors = chosen[near], anchors[near]
-        rows = chosen[:, None] + np.arange(length)
+        gap_starts, anchors = gap_starts[near], anchors[near]
+        rows = gap_starts[:, None] + np.arange(length)
+        # Relative to a neighbour: angles of many turns would lose digits in Lagrange's products.
         origin = x[anchors[:, 1:2]]
         x[rows] = origin + interpolate_between(t[anchors], x[anchors] - origin, t[rows], smooth=smooth)
 
 
-def interpolate_between(t: FloatArray, x: FloatArray, wanted: FloatArray, *, smooth: bool) -> FloatArray:
-    """Interpolate at times (k, l) between samples (k, 4): by the cubic through all, or straight between the inner."""
+def interpolate_between(t: FloatArray, x: FloatArray, times: FloatArray, *, smooth: bool) -> FloatArray:
+    """Interpolate between two samples before and two samples behind.
+
+    Parameters
+    ----------
+    t, x : (k, 4)
+        Times and values of the four samples.
+    times : (k, l)
+    smooth : bool
+        Whether to use the cubic through all four (Lagrange), else a straight line between the inner two.
+
+    Returns
+    -------
+    (k, l)
+    """
     if not smooth:
-        share = (wanted - t[:, 1:2]) / (t[:, 2:3] - t[:, 1:2])
+        share = (times - t[:, 1:2]) / (t[:, 2:3] - t[:, 1:2])
         return np.asarray(x[:, 1:2] + share * (x[:, 2:3] - x[:, 1:2]))
-    result = np.zeros_like(wanted)
+    result = np.zeros_like(times)
     for index in range(4):
-        weight = np.ones_like(wanted)
+        weight = np.ones_like(times)
         for other in range(4):
             if other != index:
-                weight *= (wanted - t[:, other : other + 1]) / (t[:, index] - t[:, other])[:, None]
+                weight *= (times - t[:, other : other + 1]) / (t[:, index] - t[:, other])[:, None]
         result += weight * x[:, index : index + 1]
     return result

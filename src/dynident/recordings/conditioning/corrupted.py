@@ -1,4 +1,4 @@
-"""Samples that cannot be: values that leave the course of their signal and come back to it within a few samples.
+"""Corrupted samples: values that leave the course of their signal and come back to it within a few samples.
 
 A bus that loses a frame, or a driver that answers late, gives zeros, largest values or old ones in single rows. One of
 them in thousands is enough to spoil a model, since differentiation turns it into huge accelerations.
@@ -32,7 +32,7 @@ ROUNDING = 1e-12
 
 
 class CorruptedSamples:
-    """Takes out samples that cannot be: of positions, torques and the base's wrench."""
+    """Removes samples that cannot have been measured: of positions, torques and the base's wrench."""
 
     name = "corrupted_samples"
 
@@ -43,7 +43,7 @@ class CorruptedSamples:
         self._impossible = 2.0 * signals.fastest * signals.step
 
     def apply(self, window: Window) -> None:
-        """Take them out of a window."""
+        """Remove the corrupted samples of a window."""
         signals = self._signals
         needed = np.flatnonzero(signals.needed)
         values, smooth = window.values[:, needed], signals.smooth[needed]
@@ -54,12 +54,14 @@ class CorruptedSamples:
         large = np.abs(steps) > np.minimum(TIMES_USUAL * usual, impossible)
         marks = np.zeros(values.shape, dtype=bool)
         for index in np.flatnonzero(large.any(axis=0)):
+            # The full search is slow: only signals with large steps up and down again go through it.
             if _comes_back(steps[:, index], np.flatnonzero(large[:, index])):
                 course = self._course(window, int(needed[index]), steps[:, index], usual[:, index], periods[index])
                 marks[corrupted_samples(course), index] = True
         if not marks.any():
             return
         back = np.sign(steps) * large
+        # Other torques that go up and down as well, uncorrupted, show that something has really happened.
         swings = np.asarray((_near(back < 0.0) & _near(back > 0.0) & ~_near(marks))[:, ~smooth].any(axis=1))
         for index in np.flatnonzero(marks.any(axis=0)):
             column = int(needed[index])
@@ -71,24 +73,26 @@ class CorruptedSamples:
             self._found.add(column, own, window.t[own - 1 - window.first_row])
 
     def checks(self) -> list[Check]:
-        """Say which samples were taken out."""
-        found = self._found
-        if not found.n:
+        """Report which samples were removed."""
+        rows = self._found
+        if not rows.n:
             return [Check(self.name, "ok", "No sample is off the course of its signal.")]
-        one = found.n == 1
+        single = rows.n == 1
         detail = (
-            f"{found.n} sample{' is' if one else 's are'} off the course of {'its signal' if one else 'their signals'} "
-            f"and cannot have been measured: {found.describe(self._signals.sources)}. "
-            f"{'It is' if one else 'They are'} replaced by what lies between the neighbours. Look for lost frames of "
-            f'the bus; if they are right as they are, say "skip": ["{self.name}"].'
+            f"{rows.n} sample{' is' if single else 's are'} off the course of "
+            f"{'its signal' if single else 'their signals'} and cannot have been measured: "
+            f"{rows.describe(self._signals.sources)}. {'It is' if single else 'They are'} replaced by what lies "
+            "between the neighbours. Look for lost frames of the bus; if they are right as they are, say "
+            f'"skip": ["{self.name}"].'
         )
-        return [found.check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.check(self.name, "warning", detail, self._signals.sources)]
 
     def _explained(self, window: Window, column: int, rows: IntArray, swings: BoolArray) -> BoolArray:
-        """Tell which rows of a torque may be as measured: those that are no value that stands in for lost ones, and
+        """Return which rows of a torque may have been measured after all.
 
-        where other torques swing (m,) as well: something has happened to the robot; or where the joint turns round, as
-        far off as friction jumps there, maybe for one sample.
+        Those are rows without a value that stands in for lost samples, where other torques swing (m,) as well
+        (something has happened to the robot), or where the joint reverses and the torque is no
+        farther off than friction jumps there.
         """
         x = window.values[:, column].copy()
         values, counts = np.unique(x[rows], return_counts=True)
@@ -99,11 +103,12 @@ class CorruptedSamples:
             turns, slow = _turns(window.t, window.values[:, position])
             measured = x.copy()
             measured[rows] = np.nan
+            # The jump of friction at a reversal, from some rows before it to some rows behind, without the suspects.
             at = np.flatnonzero(turns[TURN_ROWS:-TURN_ROWS]) + TURN_ROWS
             jumps = np.abs(measured[at + TURN_ROWS] - measured[at - TURN_ROWS])
             friction = float(np.nanmax(jumps)) if np.isfinite(jumps).any() else 0.0
-            known = np.isfinite(measured)
-            off = np.abs(x[rows] - np.interp(window.t[rows], window.t[known], measured[known]))
+            present = np.isfinite(measured)
+            off = np.abs(x[rows] - np.interp(window.t[rows], window.t[present], measured[present]))
             happened |= _near(slow[:, None], TURN_ROWS)[rows, 0] & (off < TIMES_FRICTION * friction)
         return np.asarray(happened & ~stands_in)
 
@@ -111,10 +116,11 @@ class CorruptedSamples:
         """Describe a signal by the smallest counts it comes in, its span, and the tails of its noise."""
         signals = self._signals
         x, smooth = window.values[:, column], bool(signals.smooth[column])
-        known = x[np.isfinite(x)]
-        low, high = np.quantile(known, (0.01, 0.99))
-        changes = np.abs(np.diff(known))
+        finite = x[np.isfinite(x)]
+        low, high = np.quantile(finite, (0.01, 0.99))
+        changes = np.abs(np.diff(finite))
         changes = changes[changes > ROUNDING * max(abs(low), abs(high))]
+        # Nearly the smallest change, which is a count of the encoder where the signal has counts.
         count = float(np.quantile(changes, 0.01)) if len(changes) else 0.0
         usual = np.maximum(usual, count)
         least = max(LEAST_COUNTS * count, LEAST_SHARE["smooth" if smooth else "rough"] * float(high - low))
@@ -126,24 +132,24 @@ class CorruptedSamples:
 
 
 def _turns(t: FloatArray, q: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """Mark the rows in which a joint turns round, comes to rest or leaves it; and these with those of its rests."""
+    """Mark the rows where a joint reverses or starts or stops; and these together with its standstills."""
     turns, slow = np.zeros(len(q), dtype=bool), np.zeros(len(q), dtype=bool)
-    known = np.isfinite(q)
-    if known.any():
-        direction = np.sign(np.diff(np.interp(t, t[known], q[known])))
+    finite = np.isfinite(q)
+    if finite.any():
+        direction = np.sign(np.diff(np.interp(t, t[finite], q[finite])))
         turns[1:-1] = direction[1:] != direction[:-1]
         slow[1:] = direction == 0.0
     return turns, slow | turns
 
 
 def _comes_back(steps: FloatArray, large: IntArray) -> bool:
-    """Tell whether a signal with large steps in these rows goes up and down again, or the other way round, soon."""
+    """Return whether a signal with large steps in these rows soon goes up and down again, or down and up."""
     turns = np.diff(np.sign(steps[large])) != 0.0
     return bool((turns & (np.diff(large) <= LONGEST + 1)).any())
 
 
 def _near(marks: BoolArray, rows: int = 1) -> BoolArray:
-    """Mark the rows (m, c) that are marked and those beside them."""
+    """Mark the marked rows (m, c) and their neighbours."""
     result = marks.copy()
     for shift in range(1, rows + 1):
         result[shift:] |= marks[:-shift]

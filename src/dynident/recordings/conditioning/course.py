@@ -1,4 +1,8 @@
-"""Samples that leave the course of their signal and come back to it: which of them cannot have been measured."""
+"""Find samples that leave the course of their signal and come back to it: they cannot have been measured.
+
+A block of samples is off course if the signal goes on behind it as if nothing had been. How far off it has to be
+depends on the signal's usual steps, on the tails of its noise and on how often it swings like that by itself.
+"""
 
 from __future__ import annotations
 
@@ -40,10 +44,11 @@ SAME_VALUES, SAME_SHARE = 3, 0.5
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A signal to look at: x (m,) at t (m,), the rows without a gap between them (run), and what is usual in it.
+    """One signal: x (m,) at t (m,), the number of the stretch without a gap (run), and what is usual in it.
 
     `usual` (m,) is its usual step nearby, `threshold` (m,) how far off a sample has to be. A smooth signal is
-    extrapolated along its slope. `period` is that of a wrapping angle, 0 of any other signal.
+    extrapolated along its slope. `step` is the usual step of time in s; `period` is that of a wrapping angle, 0 of any
+    other signal.
     """
 
     t: FloatArray
@@ -56,37 +61,47 @@ class Course:
     period: float = 0.0
 
     def difference(self, a: FloatArray, b: FloatArray) -> FloatArray:
-        """Give a - b, of wrapping angles the smallest one."""
+        """Return a - b, of wrapping angles the smallest one."""
         return fold(a - b, self.period)
 
     def only(self, rows: BoolArray) -> Course:
-        """Give the same without some rows."""
+        """Return the same signal with these rows only."""
         parts = {name: getattr(self, name)[rows] for name in ("t", "x", "run", "usual", "threshold")}
         return replace(self, **parts)
 
 
 def corrupted_samples(course: Course) -> IntArray:
-    """Give the rows of a signal that are off its course, in order."""
-    left = np.isfinite(course.x)
+    """Return the rows of a signal that are off its course, in ascending order.
+
+    Parameters
+    ----------
+    course : Course
+
+    Returns
+    -------
+    (k,) of int
+    """
+    unmarked = np.isfinite(course.x)
     sizes = np.zeros(len(course.x))
     # Without those that are known the course is plainer: others close to them come to light.
     for _ in range(3):
-        rows = np.flatnonzero(left)
-        size = _sizes_off_course(course.only(left))
+        rows = np.flatnonzero(unmarked)
+        size = _sizes_off_course(course.only(unmarked))
         if not size.any():
             break
         sizes[rows] = size
-        left &= sizes == 0.0
+        unmarked &= sizes == 0.0
     if not sizes.any():
         return np.empty(0, dtype=np.int64)
-    certain = (sizes > 0.0) & (sizes >= _least_certain(sizes[sizes > 0.0], _swings(course.only(left))))
+    # Candidates are corrupted only if they are many more than the swings of similar size that remain without them.
+    certain = (sizes > 0.0) & (sizes >= _least_certain(sizes[sizes > 0.0], _swings(course.only(unmarked))))
     if not course.smooth and len(row_edges(certain)[0]) < FEW:
         certain &= (sizes >= TIMES_FEW * course.threshold / course.usual) | (course.x == 0.0)
     return np.flatnonzero(certain | _same_again(course, certain))
 
 
 def _same_again(course: Course, certain: BoolArray) -> BoolArray:
-    """Mark the samples that hold the very value of several corrupted ones, as 0 or the largest count, off the others.
+    """Mark samples with the very value of several corrupted ones, such as 0 or the largest count.
 
     Beside a step of the signal itself nothing else tells them.
     """
@@ -107,29 +122,31 @@ def _same_again(course: Course, certain: BoolArray) -> BoolArray:
 
 
 def _least_certain(sizes: FloatArray, swings: FloatArray) -> float:
-    """Give the size from which on a signal has clearly more corrupted samples than swings of its own."""
+    """Return the size above which a signal has clearly more corrupted samples than swings of its own."""
     descending = np.sort(sizes)[::-1]
     ascending = np.sort(swings)
+    # For every candidate, largest first: how many swings are at least half as large?
     own = len(ascending) - np.searchsorted(ascending, 0.5 * descending)
     certain = np.flatnonzero(MORE_THAN_SWINGS * own <= np.arange(1, len(descending) + 1))
     return float(descending[certain[-1]]) if len(certain) else np.inf
 
 
 def _swings(course: Course) -> FloatArray:
-    """Give the sizes, in usual steps, by which a signal goes off and back at once, as noise and controllers do."""
+    """Return the sizes, in usual steps, of moves off and back at once, as noise and controllers make them."""
     steps = _steps(course)
     size = np.minimum(np.abs(steps[:-1]), np.abs(steps[1:])) / course.usual[:-1]
     return np.asarray(size[(steps[:-1] * steps[1:] < 0.0) & (size > TIMES_USUAL)])
 
 
 def _sizes_off_course(course: Course) -> FloatArray:
-    """Give by how many usual steps samples are off where the signal goes on beside them as if nothing had been, or 0.
+    """Return by how many usual steps samples are off course, 0 for all others.
 
     They come in blocks, of which the shortest are looked for first.
     """
     sizes = np.zeros(len(course.x))
     if len(course.x) < 5:
         return sizes
+    # A block can only begin with a step that is larger than the threshold.
     starts = np.flatnonzero(np.abs(_steps(course)) > course.threshold)
     for length in range(1, (LONGEST if course.smooth else LONGEST_ROUGH) + 1):
         if not len(starts):
@@ -142,7 +159,7 @@ def _sizes_off_course(course: Course) -> FloatArray:
 
 
 def _steps(course: Course) -> FloatArray:
-    """Give how far each sample is off what the one before it, or the slope of the two before it, leads to."""
+    """Return how far each sample is off the sample before it, or off the slope of the two before it."""
     steps = np.zeros(len(course.x))
     steps[1:] = course.difference(course.x[1:], course.x[:-1])
     if course.smooth:
@@ -154,53 +171,55 @@ def _steps(course: Course) -> FloatArray:
 
 
 def _blocks(course: Course, starts: IntArray, length: int) -> tuple[IntArray, FloatArray]:
-    """Give the starts (k,) of blocks that are off course, and by how much their samples (k, length) are, 0 if not."""
+    """Return the starts (k,) of blocks that are off course, and by how much their samples (k, length) are."""
     t, x, run = course.t, course.x, course.run
     starts = starts[(starts >= 2) & (starts + length + 1 < len(x))]
     first = starts - (2 if course.smooth else LATE_ROWS)
     starts = starts[(first >= 0) & (run[np.maximum(first, 0)] == run[starts + length + 1])]
     if not len(starts):
         return starts, np.empty((0, length))
+    # Two samples before the block and two behind it tell where the signal would have been inside.
     anchors = starts[:, None] + np.array([-2, -1, length, length + 1])
     at, usual = t[anchors], course.usual[starts]
     origin = x[starts - 1]
-    known = course.difference(x[anchors], origin[:, None])
+    anchor_values = course.difference(x[anchors], origin[:, None])
     rows = starts[:, None] + np.arange(length)
     values, times = course.difference(x[rows], origin[:, None]), t[rows]
-    expected = interpolate_between(at, known, times, smooth=course.smooth)
+    expected = interpolate_between(at, anchor_values, times, smooth=course.smooth)
     off = values - expected
-    goes_on = _goes_on(course, at, known, usual, np.abs(off).min(axis=1), length)
+    goes_on = _goes_on(course, at, anchor_values, usual, np.abs(off).min(axis=1), length)
     least = course.threshold[starts]
     around = np.clip(starts[:, None] + np.arange(-LATE_ROWS, length + LATE_ROWS), 0, len(t) - 1)
     uneven = np.abs(np.diff(t[around], axis=1) - course.step).max(axis=1)
     if course.smooth:
-        speed = np.abs(known[:, 2] - known[:, 1]) / np.maximum(at[:, 2] - at[:, 1], 1e-12)
-        # A stamp that comes late moves the whole course by as much as the joint goes in that time.
+        speed = np.abs(anchor_values[:, 2] - anchor_values[:, 1]) / np.maximum(at[:, 2] - at[:, 1], 1e-12)
+        # The longer a block is, the less exactly its samples are interpolated. And a stamp that comes late moves the
+        # whole course by as much as the joint goes in that time.
         least = least * 0.5 * (length + 1) + 2.0 * speed * uneven
     far = np.abs(off) > least[:, None]
-    found = goes_on & far[:, 0] & far[:, -1]
+    is_off_course = goes_on & far[:, 0] & far[:, -1]
     if not course.smooth:
         # Where a row came late a controller has answered.
-        found &= (np.abs(values[:, -1] - known[:, 2]) > least) & (uneven <= course.step)
+        is_off_course &= (np.abs(values[:, -1] - anchor_values[:, 2]) > least) & (uneven <= course.step)
         if length > 1:
             # A torque may well be another one for some samples, as where a joint accelerates. It then neither is the
             # very same in them, nor jumps from each to the next within a moment.
             inner = np.abs(np.diff(values, axis=1))
             jumps = ((inner == 0.0) | (inner > least[:, None])).all(axis=1)
-            found &= (inner.max(axis=1) == 0.0) | (jumps & (length * course.step <= MOMENT))
+            is_off_course &= (inner.max(axis=1) == 0.0) | (jumps & (length * course.step <= MOMENT))
     size = np.where(far, np.abs(off) / usual[:, None], 0.0)
-    return starts[found], size[found]
+    return starts[is_off_course], size[is_off_course]
 
 
 def _goes_on(
     course: Course, t: FloatArray, x: FloatArray, usual: FloatArray, off: FloatArray, length: int
 ) -> BoolArray:
-    """Tell where two samples (k, 4) on either side of a block belong to one undisturbed course."""
+    """Return where two samples (k, 4) on either side of a block belong to one undisturbed course."""
     if course.smooth:
         slopes = np.diff(x, axis=1) / np.maximum(np.diff(t, axis=1), 1e-12)
         turns = np.abs(np.diff(slopes, axis=1)).max(axis=1) * course.step
         return np.asarray(turns <= usual * (length + 2))
     steps = np.abs(np.diff(x, axis=1))
-    beside = np.maximum(steps[:, 0], steps[:, 2])
+    outer = np.maximum(steps[:, 0], steps[:, 2])
     across = np.maximum(min(5.0, max(2.5, length + 1.0)) * usual, BESIDE[1] * off)
-    return np.asarray((beside <= np.maximum(3.0 * usual, BESIDE[0] * off)) & (steps[:, 1] <= across))
+    return np.asarray((outer <= np.maximum(3.0 * usual, BESIDE[0] * off)) & (steps[:, 1] <= across))

@@ -1,4 +1,4 @@
-"""Samples that are repeated until the next one comes: a log that is faster than what it reads."""
+"""Held samples: a log that is faster than its source repeats each sample until the next one comes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST_RESTS = 0.5
 
 
 class HeldSamples:
-    """Puts what lies between the samples in the place of repeated ones."""
+    """Interpolates between the true samples in place of repeated ones."""
 
     name = "held_samples"
 
@@ -29,7 +29,7 @@ class HeldSamples:
         self._n_rows = 0
 
     def apply(self, window: Window) -> None:
-        """Replace repeated samples in a window where all signals come in holds."""
+        """Replace repeated samples in a window in which all signals come in holds."""
         needed = np.flatnonzero(self._signals.needed)
         values = window.values[:, needed]
         same = np.zeros(len(values), dtype=bool)
@@ -39,6 +39,8 @@ class HeldSamples:
         longest = max(2, round(LONGEST_HOLD / self._signals.step))
         short = stops - starts <= longest
         changes = np.count_nonzero(~same)
+        # Single repeated rows happen in any log of a coarse encoder: only a log whose changes mostly follow a hold is
+        # one of held samples.
         if not len(starts) or np.count_nonzero(short) < MOST_RESTS * changes:
             return
         for start, stop in zip(starts[~short], stops[~short], strict=True):
@@ -48,23 +50,23 @@ class HeldSamples:
             x[same] = np.nan
             bridge(window.t, x, window.run, longest, smooth=bool(self._signals.smooth[column]))
             # Before the second sample of a stretch, and behind the last but one, there is nothing to go by.
-            left = np.isnan(x)
-            x[left] = values[left, np.flatnonzero(needed == column)[0]]
+            unbridged = np.isnan(x)
+            x[unbridged] = values[unbridged, np.flatnonzero(needed == column)[0]]
         own = window.own_rows(np.flatnonzero(same))
         self._n_rows += window.own.stop - window.own.start
         self._n_changes += window.own.stop - window.own.start - len(own)
         self._found.add(int(needed[0]), own, window.t[own - 1 - window.first_row])
 
     def checks(self) -> list[Check]:
-        """Say at which rate the samples really come."""
-        found = self._found
-        if not found.n:
+        """Report at which rate samples really come."""
+        rows = self._found
+        if not rows.n:
             return [Check(self.name, "ok", "No signals are held between their samples.")]
         rate = 1.0 / self._signals.step
         detail = (
-            f"In {found.n} rows all positions and torques are those of the row before: the file has {rate:.4g} rows a "
+            f"In {rows.n} rows all positions and torques are those of the row before: the file has {rate:.4g} rows a "
             f"second, and what it holds comes about {rate * self._n_changes / self._n_rows:.3g} times a second. "
             "Between these samples the signals are interpolated; nothing faster can be seen in them. Log at the "
             f'rate of the source; if the rows are right as they are, say "skip": ["{self.name}"].'
         )
-        return [found.check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.check(self.name, "warning", detail, self._signals.sources)]

@@ -1,4 +1,4 @@
-"""Stretches in which the drives are switched off: their torques read 0 while brakes hold the joints."""
+"""Idle drives: stretches in which torques read exactly 0 while brakes hold the joints."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LEAST_JUMP = 0.1
 
 
 class IdleDrives:
-    """Takes out the torques of stretches in which all of them are exactly 0."""
+    """Removes the torques of stretches in which all of them are exactly 0."""
 
     name = "idle_drives"
 
@@ -28,7 +28,7 @@ class IdleDrives:
         self._idle_until = -1
 
     def apply(self, window: Window) -> None:
-        """Take them out of a window."""
+        """Remove the torques of idle stretches in a window."""
         torques = window.values[:, self._torques]
         spans = np.ptp(np.nan_to_num(torques), axis=0)
         if not (spans > 0.0).any() and self._idle_until < window.first_row:
@@ -36,8 +36,9 @@ class IdleDrives:
             return
         shortest = min(MARGIN_ROWS // 2, max(2, round(SHORTEST / self._signals.step)))
         for start, stop in zip(*row_edges((torques == 0.0).all(axis=1)), strict=True):
-            beside = [row for row in (start - 1, stop) if 0 <= row < len(torques)]
-            jumps = np.abs(torques[beside]) > LEAST_JUMP * spans
+            neighbours = [row for row in (start - 1, stop) if 0 <= row < len(torques)]
+            jumps = np.abs(torques[neighbours]) > LEAST_JUMP * spans
+            # A stretch that began in an earlier window need not jump again at the border of this one.
             goes_on = start == 0 and self._idle_until >= window.first_row
             if stop - start < shortest or not (goes_on or jumps.any()):
                 continue
@@ -48,13 +49,13 @@ class IdleDrives:
             self._found.add(int(self._torques[0]), own, window.t[own - 1 - window.first_row])
 
     def checks(self) -> list[Check]:
-        """Say where the drives were switched off."""
-        found = self._found
-        if not found.n or found.first is None:
+        """Report where the drives were switched off."""
+        rows = self._found
+        if not rows.n or rows.first is None:
             return [Check(self.name, "ok", "The drives are switched on throughout.")]
         detail = (
-            f"All torques are exactly 0 in {found.n} rows, first in row {found.first[0]} (t = {found.first[1]:.6g} s), "
+            f"All torques are exactly 0 in {rows.n} rows, first in row {rows.first[0]} (t = {rows.first[1]:.6g} s), "
             "and jump there: the drives are switched off. These rows are not used, and nothing is filtered across "
             f'them; if the torques are right, say "skip": ["{self.name}"].'
         )
-        return [found.check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.check(self.name, "warning", detail, self._signals.sources)]

@@ -1,4 +1,4 @@
-"""Signed registers that a log has read as unsigned: the sign is a bit, or a number below zero has wrapped."""
+"""Signed registers that a log has read as unsigned: the sign is a bit, or numbers below zero have wrapped."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Register:
     is_magnitude: bool
 
     def decode(self, raw: FloatArray) -> FloatArray:
-        """Give the signed numbers of a register that was read as unsigned."""
+        """Return the signed numbers of a register that was read as unsigned."""
         size = 2.0**self.bit
         negative = size - raw if self.is_magnitude else raw - 2.0 * size
         return np.where(raw >= size, negative, raw)
@@ -57,7 +57,7 @@ class Register:
 
 
 def find_register(raw: FloatArray, together: BoolArray, bits: Collection[int] = BITS) -> Register | None:
-    """Tell whether columns (m, k) are of registers whose sign was not read; None where they are not.
+    """Return the register that columns are of, if their sign was not read; None if they are no such registers.
 
     Parameters
     ----------
@@ -67,30 +67,38 @@ def find_register(raw: FloatArray, together: BoolArray, bits: Collection[int] = 
         Which rows follow the one before without a gap.
     bits : collection of int
         Where the sign may stand.
+
+    Returns
+    -------
+    Register or None
     """
     # Most signals are no whole numbers, which their first rows tell.
     if not (_are_counts(raw[:_FIRST]) and _are_counts(raw)):
         return None
+    # If the sign was not read, negative numbers have the highest bit set: it shows in the largest number.
     bit = int(np.floor(np.log2(max(float(np.nanmax(raw, initial=0.0)), 1.0))))
     if bit not in bits:
         return None
     kinds = (Register(bit, is_magnitude=True), Register(bit, is_magnitude=False))
+    # Of the two codings the right one makes the jumps across zero vanish.
     jumps = _jumps(raw, together, bit)
-    left, register = min(((_jumps(one.decode(raw), together, bit), one) for one in kinds), key=lambda pair: pair[0])
+    remaining_jumps, register = min(
+        ((_jumps(candidate.decode(raw), together, bit), candidate) for candidate in kinds), key=lambda pair: pair[0]
+    )
     passes = np.diff(raw >= 2.0**bit, axis=0)[together]
     smooth = int(np.count_nonzero(passes & (np.abs(np.diff(raw, axis=0)[together]) <= 0.5 * 2.0**bit)))
-    is_register = jumps >= _FEWEST_JUMPS and left <= _JUMPS_LEFT * jumps and smooth <= _SMOOTH * passes.sum()
+    is_register = jumps >= _FEWEST_JUMPS and remaining_jumps <= _JUMPS_LEFT * jumps and smooth <= _SMOOTH * passes.sum()
     return register if is_register else None
 
 
 def _are_counts(raw: FloatArray) -> bool:
-    """Tell whether numbers are whole and not below zero, as far as there are any."""
-    known = raw[np.isfinite(raw)]
-    return bool((known >= -_WHOLE).all() and (np.abs(known - np.rint(known)) <= _WHOLE).all())
+    """Return whether all finite numbers are whole and not below zero."""
+    finite = raw[np.isfinite(raw)]
+    return bool((finite >= -_WHOLE).all() and (np.abs(finite - np.rint(finite)) <= _WHOLE).all())
 
 
 def _jumps(values: FloatArray, together: BoolArray, bit: int) -> int:
-    """Count changes of values (m, k) from row to row by half of what a register holds."""
+    """Return the number of changes from row to row by more than half of what a register holds."""
     return int(np.count_nonzero(np.abs(np.diff(values, axis=0)[together]) > 0.5 * 2.0**bit))
 
 
@@ -105,13 +113,14 @@ class SignedRegisters:
         self._found: dict[str, FoundRows] = {}
 
     def apply(self, window: Window) -> None:
-        """Read the signs in a window; from the first one on in which a register shows itself."""
+        """Read the signs in a window; from the first window on in which a register shows itself."""
         together = np.diff(window.run) == 0
         for kind, columns in self._signals.registers.items():
             at = list(columns)
             factors, offsets = self._signals.factors[at], self._signals.offsets[at]
             if not factors.all():
                 continue
+            # Bits are those of the file's own numbers: back from SI units.
             raw = (window.values[:, at] - offsets) / factors
             register = self._registers.get(kind) or find_register(raw, together, BITS_OF[kind])
             if register is None:
@@ -120,28 +129,42 @@ class SignedRegisters:
             decoded = register.decode(np.rint(raw))
             changed = decoded != np.rint(raw)
             window.values[:, at] = np.where(changed, decoded * factors + offsets, window.values[:, at])
-            found = self._found.setdefault(kind, FoundRows())
+            found_rows = self._found.setdefault(kind, FoundRows())
             for place, column in enumerate(columns):
                 own = window.own_rows(np.flatnonzero(changed[:, place] & np.isfinite(raw[:, place])))
-                found.add(column, own, window.t[own - 1 - window.first_row])
+                found_rows.add(column, own, window.t[own - 1 - window.first_row])
 
     def checks(self) -> list[Check]:
-        """Say which columns are registers, and how they are read."""
+        """Report which columns are registers, and how they are read."""
         if not self._registers:
             return [Check(self.name, "ok", "No column is a register whose sign was not read.")]
         return [self._check(kind, register) for kind, register in self._registers.items()]
 
     def _check(self, kind: str, register: Register) -> Check:
-        found, sources = self._found[kind], self._signals.sources
+        rows, sources = self._found[kind], self._signals.sources
         names = [sources[column] for column in self._signals.registers[kind]]
         detail = (
-            f"{names[0]} … {names[-1]} are registers whose sign was not read: {register}. {found.n} samples are read "
+            f"{names[0]} … {names[-1]} are registers whose sign was not read: {register}. {rows.n} samples are read "
             f'so; if they are right as they are, say "skip": ["{self.name}"].'
         )
-        return found.check(self.name, "warning", detail, sources)
+        return rows.check(self.name, "warning", detail, sources)
 
 
 def decode_registers(raw: FloatArray, t: FloatArray, kind: str) -> tuple[FloatArray, Register | None]:
-    """Read the signs of columns (m, k) of a kind of signal at times t (m,), if they are registers."""
+    """Read the signs of columns of one kind of signal, if they are registers.
+
+    Parameters
+    ----------
+    raw : (m, k)
+        Numbers as the file has them.
+    t : (m,)
+        Times in s.
+    kind : "q" or "tau"
+
+    Returns
+    -------
+    values : (m, k)
+    register : Register or None
+    """
     register = find_register(raw, np.diff(t) > 0.0, BITS_OF[kind])
     return (raw, None) if register is None else (register.decode(raw), register)

@@ -1,4 +1,4 @@
-"""What the steps know of the signals that they look at."""
+"""The signals that the steps of conditioning look at: limits, units, and which column belongs to which."""
 
 from __future__ import annotations
 
@@ -81,7 +81,8 @@ class Signals:
 
 
 def _register_columns(kind: str, layout: Layout) -> tuple[int, ...]:
-    """Give the columns of a kind of signal that are the file's own numbers, but for their unit."""
+    """Return the columns of a kind of signal that are the file's own numbers, but for their unit."""
+    # Torques of coupled motors are sums of several columns: no bits are left in them.
     if kind == "tau" and layout.mixing is not None:
         return ()
     silent = layout.without_torque if kind == "tau" else ()

@@ -1,4 +1,4 @@
-"""The stage that every recording passes before it is checked: its steps, one after the other, in a stream."""
+"""The conditioning stage that every recording passes before it is checked: its steps, one after the other."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from dynident.recordings.types import Check, JointLimits
 
 
 class Step(Protocol):
-    """One thing that is put right in the rows of a recording, and what is said of it."""
+    """One repair of the rows of a recording, which reports what it has changed."""
 
     name: str
 
     def apply(self, window: Window) -> None:
-        """Put it right in the next window, in place."""
+        """Repair the next window, in place."""
         ...
 
     def checks(self) -> list[Check]:
-        """Say what was found, after the last window."""
+        """Report what was found, after the last window."""
         ...
 
 
@@ -42,7 +42,16 @@ bridged at the end."""
 
 
 class Conditioning:
-    """Conditions the rows of a recording, and collects what its steps found."""
+    """Conditions the rows of a recording, and collects what its steps found.
+
+    Parameters
+    ----------
+    layout : Layout
+    limits : tuple of JointLimits
+        One a joint.
+    base : TimeBase
+    skip : names of steps that are not taken
+    """
 
     def __init__(
         self, layout: Layout, limits: tuple[JointLimits, ...], base: TimeBase, skip: Collection[str] = ()
@@ -52,7 +61,17 @@ class Conditioning:
         self._steps = [step(signals) for name, step in STEPS.items() if name not in skip]
 
     def condition(self, blocks: Iterable[RawRows]) -> Iterator[RawRows]:
-        """Give the rows of all blocks, put right; rows in which a needed sample stays missing hold NaN."""
+        """Yield the rows of all blocks, repaired.
+
+        Parameters
+        ----------
+        blocks : iterable of RawRows
+
+        Yields
+        ------
+        RawRows
+            A needed sample that stays missing is NaN.
+        """
         for window in overlapping_windows(blocks, self._base):
             for step in self._steps:
                 step.apply(window)
@@ -60,5 +79,5 @@ class Conditioning:
             yield RawRows(window.first_row + own.start, window.t[own], window.segment[own], window.values[own])
 
     def checks(self) -> tuple[Check, ...]:
-        """Say what was found in all rows."""
+        """Return what was found in all rows."""
         return tuple(check for step in self._steps for check in step.checks())

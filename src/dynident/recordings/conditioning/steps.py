@@ -1,4 +1,4 @@
-"""How much signals usually change from sample to sample, and how heavy the tails of their noise are."""
+"""Usual sizes of the changes of a signal from sample to sample, and how heavy the tails of its noise are."""
 
 from __future__ import annotations
 
@@ -22,22 +22,31 @@ among 16,384 rows the largest swings are 3, 11 and 32 usual steps."""
 
 
 def usual_steps(steps: FloatArray) -> FloatArray:
-    """Give the usual size of the steps (m, c) of signals near each row, as (m, c).
+    """Return the usual size of the steps of signals near each row.
 
     It is the upper quartile of a chunk, and the median of the steps that are not zero where few are not (counts of an
     encoder): the largest of those of the chunks nearby, since noise grows where a joint begins to move.
+
+    Parameters
+    ----------
+    steps : (m, c)
+
+    Returns
+    -------
+    (m, c)
     """
     m, c = steps.shape
     n = -(-m // CHUNK_ROWS)
     padded = np.full((n * CHUNK_ROWS, c), np.nan)
     np.abs(steps, out=padded[:m])
+    # NaN is sorted to the end: the finite values of a chunk come first, and quantiles are entries.
     chunks = np.sort(padded.reshape(n, CHUNK_ROWS, c), axis=1)
-    known = np.isfinite(chunks).sum(axis=1)
+    n_finite = np.isfinite(chunks).sum(axis=1)
     zeros = (chunks == 0.0).sum(axis=1)
     # Of fewer changes than these one corrupted sample would make its own measure.
-    several = known - zeros > 4
-    at = np.maximum((3 * known) // 4, np.where(several, (known + zeros) // 2, 0))
-    own = np.take_along_axis(chunks, np.minimum(at, np.maximum(known - 1, 0))[:, None, :], axis=1)[:, 0]
+    several = n_finite - zeros > 4
+    at = np.maximum((3 * n_finite) // 4, np.where(several, (n_finite + zeros) // 2, 0))
+    own = np.take_along_axis(chunks, np.minimum(at, np.maximum(n_finite - 1, 0))[:, None, :], axis=1)[:, 0]
     own = np.nan_to_num(own)
     near = own.copy()
     for shift in range(1, NEAR_CHUNKS + 1):
@@ -47,9 +56,23 @@ def usual_steps(steps: FloatArray) -> FloatArray:
 
 
 def steps_of(values: FloatArray, t: FloatArray, run: IntArray, smooth: BoolArray, periods: FloatArray) -> FloatArray:
-    """Give how far each row of values (m, c) is off the one before, of smooth signals off their slope; NaN at edges.
+    """Return how far each row is off the row before it, and smooth signals off the line through the two rows before.
 
-    `smooth` (c,) tells which signals are, `periods` (c,) are those of wrapping angles.
+    Parameters
+    ----------
+    values : (m, c)
+    t : (m,)
+    run : (m,)
+        Number of the stretch without a gap in time.
+    smooth : (c,)
+        Which signals are smooth.
+    periods : (c,)
+        Periods of wrapping angles, 0 of other signals.
+
+    Returns
+    -------
+    (m, c)
+        NaN at the first rows of a stretch.
     """
     first = np.full_like(values, np.nan)
     if len(values) < 3:
@@ -63,6 +86,7 @@ def steps_of(values: FloatArray, t: FloatArray, run: IntArray, smooth: BoolArray
         result = first.copy()
         spread = np.diff(t)
         with np.errstate(divide="ignore", invalid="ignore"):
+            # Stamps jitter: the slope holds for a unit of time, not for a row.
             ratio = np.where(spread[:-1] > 0.0, spread[1:] / spread[:-1], 0.0)
         slope = first[1:-1][:, smooth] * ratio[:, None]
         second = first[2:][:, smooth] - slope
@@ -72,9 +96,18 @@ def steps_of(values: FloatArray, t: FloatArray, run: IntArray, smooth: BoolArray
 
 
 def times_usual(steps: FloatArray, usual: FloatArray) -> float:
-    """Give how many usual steps (m,) a sample has to be off, by how often a signal with these steps swings less far.
+    """Return how many usual steps a sample of a signal has to be off to count as corrupted.
 
-    A swing goes up and down again, or the other way round, as a single corrupted sample does.
+    A swing goes up and down again, or the other way round, as a single corrupted sample does; signals that often swing
+    nearly as far by themselves have noise with heavy tails, and get a higher threshold.
+
+    Parameters
+    ----------
+    steps, usual : (m,)
+
+    Returns
+    -------
+    float
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         size = np.minimum(np.abs(steps[:-1]), np.abs(steps[1:])) / usual[:-1]

@@ -1,4 +1,4 @@
-"""Rows of a recording in windows that overlap, so that every row is seen with those around it."""
+"""Overlapping windows over the rows of a recording, so that every row is seen together with those around it."""
 
 from __future__ import annotations
 
@@ -36,18 +36,32 @@ class Window:
     unused: BoolArray
 
     def own_rows(self, rows: IntArray) -> IntArray:
-        """Give those of the window's rows that it decides on, as data rows counted from 1."""
+        """Return those of the given rows that this window decides on, as data rows counted from 1."""
         inside = rows[(rows >= self.own.start) & (rows < self.own.stop)]
         return np.asarray(inside + self.first_row + 1)
 
 
 def overlapping_windows(blocks: Iterable[RawRows], base: TimeBase) -> Iterator[Window]:
-    """Cut rows that come in blocks of any size into windows of one size."""
+    """Cut rows that come in blocks of any size into windows of one size.
+
+    Parameters
+    ----------
+    blocks : iterable of RawRows
+        In order.
+    base : TimeBase
+        Tells what step of time is a gap.
+
+    Yields
+    ------
+    Window
+        Together, their own rows are all rows, each once.
+    """
     waiting: list[RawRows] = []
     first_row = next_row = end = 0
     for block in blocks:
         waiting.append(block)
         end += len(block.t)
+        # A window is complete once the margin behind its own rows is there, too.
         while end >= next_row + WINDOW_ROWS + MARGIN_ROWS:
             joined = _join(waiting)
             stop = next_row + WINDOW_ROWS
@@ -65,8 +79,8 @@ def _join(blocks: list[RawRows]) -> RawRows:
 
 
 def _part(rows: RawRows, first_row: int, start: int, stop: int) -> RawRows:
-    chosen = slice(start - first_row, stop - first_row)
-    return RawRows(start, rows.t[chosen], rows.segment[chosen], rows.values[chosen])
+    part = slice(start - first_row, stop - first_row)
+    return RawRows(start, rows.t[part], rows.segment[part], rows.values[part])
 
 
 def _window(rows: RawRows, first_row: int, start: int, stop: int, base: TimeBase) -> Window:
@@ -80,6 +94,6 @@ def _window(rows: RawRows, first_row: int, start: int, stop: int, base: TimeBase
 
 
 def row_edges(marks: BoolArray) -> tuple[IndexArray, IndexArray]:
-    """Give where consecutive marks begin, and where they have ended."""
+    """Return where runs of true marks begin, and the first row behind each."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], marks.astype(np.int8), [0]])))
     return edges[::2], edges[1::2]

@@ -1,4 +1,4 @@
-"""Angles that wrap at half or whole turns, made continuous."""
+"""Wrapped angles (at half or whole turns), made continuous."""
 
 from __future__ import annotations
 
@@ -25,12 +25,22 @@ INSIDE_SHARE = 0.95
 
 
 def fold(difference: FloatArray, period: float = TURN) -> FloatArray:
-    """Give differences of angles within half a period; unchanged where the period is 0."""
+    """Return differences of angles within half a period; unchanged if the period is 0."""
     return np.asarray(difference - period * np.round(difference / period)) if period else difference
 
 
 def wrapping_columns(window: Window, signals: Signals) -> BoolArray:
-    """Tell which columns (c,) jump by a turn from one end of it to the other, slower than the joint could go there."""
+    """Return which columns jump by a turn from one end of it to the other, as only wrapped angles do.
+
+    Parameters
+    ----------
+    window : Window
+    signals : Signals
+
+    Returns
+    -------
+    (c,) of bool
+    """
     wrapping = np.zeros(len(signals.sources), dtype=bool)
     together = np.diff(window.run) == 0
     for column in np.flatnonzero(signals.turning):
@@ -39,20 +49,22 @@ def wrapping_columns(window: Window, signals: Signals) -> BoolArray:
         jumps = np.flatnonzero((np.abs(steps) > pi) & together)
         if not len(jumps):
             continue
-        rest = np.abs(fold(steps[jumps]))
+        # A wrap is a jump that is slow without its turn; a joint that really jumps, or a corrupted sample, is not.
+        remainder = np.abs(fold(steps[jumps]))
         elapsed = np.maximum(window.t[jumps + 1] - window.t[jumps], signals.step)
-        slow = jumps[rest <= signals.fastest[column] * elapsed]
-        known = x[np.isfinite(x)]
+        slow = jumps[remainder <= signals.fastest[column] * elapsed]
+        finite = x[np.isfinite(x)]
         for border in BORDERS:
             low, high = border - ROUNDING, border + TURN + ROUNDING
             ends = np.minimum(x[slow], x[slow + 1]), np.maximum(x[slow], x[slow + 1])
             if ((ends[0] >= low) & (ends[1] <= high)).any():
-                wrapping[column] |= bool(((known >= low) & (known <= high)).mean() >= INSIDE_SHARE)
+                # All values lie inside one turn: an angle that is counted on beyond it does not wrap.
+                wrapping[column] |= bool(((finite >= low) & (finite <= high)).mean() >= INSIDE_SHARE)
     return wrapping
 
 
 class WrappedAngles:
-    """Makes wrapped angles continuous; over gaps the logged velocity tells the number of turns, where there is one."""
+    """Makes wrapped angles continuous; over gaps the logged velocity, if any, gives the number of turns."""
 
     name = "wrapped_angles"
 
@@ -72,7 +84,7 @@ class WrappedAngles:
             self._unwrap(window, int(column))
 
     def checks(self) -> list[Check]:
-        """Say which angles wrapped."""
+        """Report which angles wrapped."""
         if not self._found.n and not self._shift:
             return [Check(self.name, "ok", "No angle wraps.")]
         sources = self._signals.sources
@@ -84,12 +96,13 @@ class WrappedAngles:
         return [self._found.check(self.name, "warning", " ".join(parts), sources)]
 
     def _whole_turns_off(self, window: Window) -> dict[int, float]:
-        """Give the columns that are inside their limits a turn farther on, and that turn."""
+        """Return the columns that are inside their limits one turn farther on, with that turn (±2 pi)."""
         shift = {}
         for column, (low, high) in self._signals.limits.items():
             x = window.values[np.isfinite(window.values[:, column]), column]
             if not self._signals.turning[column] or not len(x) or high - low > 2.0 * TURN:
                 continue
+            # The median of the first samples: a single one may be corrupted.
             start = float(np.median(x[:9]))
             turn = TURN * round((0.5 * (low + high) - start) / TURN)
             if not low - ROUNDING <= start <= high + ROUNDING and abs(turn) == TURN and low <= start + turn <= high:
@@ -101,8 +114,8 @@ class WrappedAngles:
         if not len(rows):
             return
         x = window.values[rows, column]
-        rest = np.diff(x) - self._expected(window, column, rows)
-        turns = np.concatenate([[0.0], -np.round(rest / TURN)])
+        remainder = np.diff(x) - self._expected(window, column, rows)
+        turns = np.concatenate([[0.0], -np.round(remainder / TURN)])
         # Every segment is counted from its own beginning.
         begins = np.concatenate([[False], np.diff(window.segment[rows]) != 0])
         turns[begins] = 0.0
@@ -115,7 +128,7 @@ class WrappedAngles:
         self._found.add(column, own, window.t[own - 1 - window.first_row])
 
     def _go_on(self, window: Window, column: int, rows: IntArray, total: FloatArray, begins: BoolArray) -> None:
-        """Count the turns (m,) on from the window before, and keep them for the one behind."""
+        """Continue the count of turns (m,) from the window before, and remember it for the next one."""
         row, before = self._turns.get(column, (-1, 0.0))
         here = int(np.searchsorted(rows, row - window.first_row))
         first_segment = np.cumsum(begins) == 0
@@ -126,7 +139,7 @@ class WrappedAngles:
             self._turns[column] = window.first_row + int(rows[last]), float(total[last])
 
     def _expected(self, window: Window, column: int, rows: IntArray) -> FloatArray:
-        """Give how far an angle goes from each known row to the next by its logged velocity; 0 without one."""
+        """Return how far an angle goes between known rows by its logged velocity; 0 without one."""
         velocity = self._signals.velocity.get(column)
         if velocity is None:
             return np.zeros(len(rows) - 1)

@@ -1,4 +1,4 @@
-"""What robots and their loggers write, one module a format: each gives named columns in blocks of rows."""
+"""Readers of the files that robots and their loggers write, one module a format: named columns in blocks of rows."""
 
 from dynident.recordings.formats.opening import FORMATS, format_of, open_source
 

@@ -1,4 +1,4 @@
-"""Files that hold arrays by name: those of one length are the columns of the recording."""
+"""Files that hold arrays by name (MAT, HDF5, NumPy): arrays of one common length are the columns of the recording."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ FEWEST_ROWS = 8
 
 @dataclass(frozen=True, eq=False)
 class StoredArray:
-    """One array of a file: its name, its shape (one or two axes), and what reads it from `first` to `last`.
+    """One array of a file: its name, its shape (one or two axes), and the function that reads a part of it.
 
-    `read` takes the axis that the rows run along, and gives (rows, width) or (rows,).
+    `read(first, last, axis)` takes the axis that the rows run along, and returns (rows, width) or (rows,).
     """
 
     name: str
@@ -45,40 +45,45 @@ class ArrayFileSource(FileSource):
     def __init__(self, arrays: Sequence[StoredArray]) -> None:
         self._places: dict[str, _Placed] = {}
         arrays = [
-            one for one in arrays if 1 <= len(one.shape) <= 2 and min(one.shape) > 0 and max(one.shape) >= FEWEST_ROWS
+            array
+            for array in arrays
+            if 1 <= len(array.shape) <= 2 and min(array.shape) > 0 and max(array.shape) >= FEWEST_ROWS
         ]
         if not arrays:
             raise RecordingError("The file holds no arrays of numbers with rows.", title=TITLE)
         self._length = _length(arrays)
-        prefix = _prefix([one.name for one in arrays])
-        arrays = [one for one in arrays if self._length in one.shape]
-        check_columns(sum(math.prod(one.shape) // self._length for one in arrays))
-        for one in arrays:
-            axis = one.shape.index(self._length)
-            width = one.shape[1 - axis] if len(one.shape) == 2 else 1
-            name = one.name[len(prefix) :] or "column"
+        # The common group is stripped of names before arrays of other lengths, settings mostly, are left out.
+        prefix = _prefix([array.name for array in arrays])
+        arrays = [array for array in arrays if self._length in array.shape]
+        check_columns(sum(math.prod(array.shape) // self._length for array in arrays))
+        for array in arrays:
+            axis = array.shape.index(self._length)
+            width = array.shape[1 - axis] if len(array.shape) == 2 else 1
+            name = array.name[len(prefix) :] or "column"
             joint = "_" if name[-1].isdigit() else ""
             for index in range(width):
                 column = name if width == 1 else f"{name}{joint}{index + 1}"
-                self._places[column] = _Placed(one, axis, index)
+                self._places[column] = _Placed(array, axis, index)
         super().__init__(list(self._places))
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        # Arrays of several columns are read once for each block, not once for each column.
         step = rows_of_block(len(self._places))
         for first in range(0, self._length, step):
             last = min(first + step, self._length)
-            read: dict[int, FloatArray] = {}
+            blocks: dict[int, FloatArray] = {}
             values = []
             for column in columns:
                 place = self._places[column]
-                whole = read.get(id(place.stored))
+                whole = blocks.get(id(place.stored))
                 if whole is None:
-                    whole = read[id(place.stored)] = _rows(place, first, last)
+                    whole = blocks[id(place.stored)] = _rows(place, first, last)
                 values.append(from_numbers(np.asarray(whole[:, place.index], dtype=np.float64)))
             yield pa.RecordBatch.from_arrays(values, names=columns)
 
 
 def _rows(place: _Placed, first: int, last: int) -> FloatArray:
+    """Read the rows of an array, and say which array it is if that fails."""
     try:
         return place.stored.read(first, last, place.axis).reshape(last - first, -1)
     except (OSError, RuntimeError, TypeError, ValueError, ArithmeticError) as error:
@@ -90,21 +95,22 @@ def _rows(place: _Placed, first: int, last: int) -> FloatArray:
 
 
 def _length(arrays: Sequence[StoredArray]) -> int:
-    """The number of rows: the length that most columns share, and of these the largest.
+    """Return the number of rows: the length that most columns share, and of these the largest.
 
     It is the longer side of one array at the least: a recording has more rows than signals.
     """
-    longer = {max(one.shape) for one in arrays}
+    longer = {max(array.shape) for array in arrays}
     shared: Counter[int] = Counter()
-    for one in arrays:
-        for axis, size in enumerate(one.shape):
+    for array in arrays:
+        for axis, size in enumerate(array.shape):
             if size >= FEWEST_ROWS and size in longer:
-                shared[size] += min(64, one.shape[1 - axis]) if len(one.shape) == 2 else 1
+                # A square or wide array of settings may have many columns: it counts as no more than 64.
+                shared[size] += min(64, array.shape[1 - axis]) if len(array.shape) == 2 else 1
     return max(shared, key=lambda size: (shared[size], size))
 
 
 def _prefix(names: Sequence[str]) -> str:
-    """The group that all arrays are in, which says nothing."""
+    """Return the group that all arrays are in, which says nothing."""
     if len(names) < 2:
         return ""
     shortest = min(names, key=len)

@@ -1,4 +1,4 @@
-"""Bags of ROS 1 and ROS 2 and MCAP files as columns: topics of several rates joined on the time of one of them."""
+"""Bags of ROS 1 and ROS 2 and MCAP files as columns: topics of several rates, joined on the time of one of them."""
 
 from __future__ import annotations
 
@@ -42,20 +42,20 @@ class BagSource(FileSource):
         self._block_samples = min(BLOCK_SAMPLES, rows_of_block(len(columns)))
 
     def _look(self) -> tuple[dict[str, tuple[str, ...]], str, float, dict[str, float]]:
-        """Find topics, their columns, the topic that gives the rows, the time of the first sample, and usual steps."""
+        """Read the beginning: topics with their columns, the main topic, the time of the first sample, usual steps."""
         fields: dict[str, dict[str, None]] = {}
         parts: dict[str, list[FloatArray]] = {}
         stream = samples_of(self._path, self._format)
-        seen: list[Samples] = []
+        blocks: list[Samples] = []
         rows = values = 0
         while rows < _LOOKED_AT and values < _LOOKED_AT_VALUES and (samples := next(stream, None)):
-            seen.append(samples)
+            blocks.append(samples)
             rows, values = rows + len(samples.times), values + samples.values.size
             fields.setdefault(samples.topic, {}).update(dict.fromkeys(samples.names))
             check_columns(sum(map(len, fields.values())))
             parts.setdefault(samples.topic, []).append(samples.times)
         times = {topic: np.concatenate(stamps) for topic, stamps in parts.items()}
-        self._ahead = chain(seen, stream)
+        self._ahead = chain(blocks, stream)
         if not fields:
             raise RecordingError(
                 "The bag holds no joint states: messages of sensor_msgs/JointState are needed, with position and "
@@ -66,6 +66,7 @@ class BagSource(FileSource):
         def worth(topic: str) -> tuple[bool, int]:
             return any(name.startswith("position") for name in fields[topic]), len(times[topic])
 
+        # The topic with most positions gives the rows: they are then used as they are, not interpolated.
         main = max(fields, key=worth)
         steps = {
             topic: float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1.0 for topic, stamps in times.items()
@@ -81,6 +82,7 @@ class BagSource(FileSource):
             if samples.topic not in series:
                 continue
             join.add(samples.topic, samples.times - self._start, samples.names, samples.values)
+            # Only a sample of the main topic can complete a block of rows.
             if join.is_full and samples.topic == self._main:
                 yield from self._batch(join.rows(), columns)
         yield from self._batch(join.rows(last=True), columns)
@@ -95,7 +97,17 @@ class BagSource(FileSource):
 
 
 def bag_source(path: Path, name: str) -> BagSource:
-    """Open a bag of ROS 1 ("rosbag"), the data base of a bag of ROS 2 ("rosbag2"), or an MCAP file ("mcap").
+    """Open a bag or an MCAP file.
+
+    Parameters
+    ----------
+    path : path
+    name : "rosbag", "rosbag2" or "mcap"
+        A bag of ROS 1, the data base of a bag of ROS 2, or an MCAP file.
+
+    Returns
+    -------
+    BagSource
 
     Raises
     ------

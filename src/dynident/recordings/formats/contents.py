@@ -1,4 +1,4 @@
-"""The bytes of a file of text: as they are, or unpacked on the way, with a bound on how many there may be."""
+"""The bytes of a text file: as they are, or decompressed on the way, with a bound on how many there may be."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class TextContent:
 
     @property
     def plain_path(self) -> Path | None:
-        """The file itself, where its bytes are the text."""
+        """The path of the file if its bytes are the text, else None."""
         return self._path if self._member is None and self.compression is None else None
 
     def open(self) -> IO[bytes]:
-        """Open it; what unpacks to more than such files do raises `RecordingError` while it is read."""
+        """Open the text; decompressing to more than such files do raises `RecordingError` while it is read."""
         if self._member is not None:
             return self._member()
         if self.compression is None:
@@ -46,20 +46,20 @@ class TextContent:
         return io.BufferedReader(_Unpacking(self._path, self.compression), 1 << 20)
 
     def start(self, size: int) -> bytes:
-        """Give the first bytes."""
+        """Return the first bytes."""
         with self.open() as file:
             return file.read(size)
 
 
 def compression_of(path: Path) -> str | None:
-    """Tell the compression of a file from its first bytes; None where there is none."""
+    """Return the compression of a file by its first bytes; None if there is none."""
     with path.open("rb") as file:
         start = file.read(4)
     return next((name for first, name in _COMPRESSIONS if start.startswith(first)), None)
 
 
 class _Unpacking(MadeStream):
-    """Unpacks a file, and counts the bytes."""
+    """Decompresses a file, and counts the bytes."""
 
     def __init__(self, path: Path, compression: str) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ class _Unpacking(MadeStream):
         self._file = pa.CompressedInputStream(pa.OSFile(str(path)), compression)
 
     def read_part(self, size: int) -> bytes:
-        """Unpack the next bytes."""
+        """Decompress the next bytes."""
         try:
             part: bytes = self._file.read(size)
         except (OSError, ValueError) as error:

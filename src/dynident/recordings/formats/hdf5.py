@@ -26,6 +26,14 @@ def hdf5_source(path: Path) -> ArrayFileSource:
     Nothing outside of the file is read: data sets that keep their numbers in other files, and links to other files,
     are refused.
 
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    ArrayFileSource
+
     Raises
     ------
     RecordingError
@@ -38,6 +46,7 @@ def hdf5_source(path: Path) -> ArrayFileSource:
         datasets = dict(_datasets(file))
         check_columns(len(datasets))
         size = path.stat().st_size
+        # Sizes as the file states them, before a byte of data is read.
         check_unpacked(sum(math.prod(item.shape) * item.dtype.itemsize for item in datasets.values()), size)
         arrays: list[StoredArray] = []
         for name, item in datasets.items():
@@ -51,11 +60,11 @@ def hdf5_source(path: Path) -> ArrayFileSource:
 
 
 def _datasets(file: Any) -> Iterator[tuple[str, Any]]:
-    """The data sets of numbers, or of records with some, by their paths; each object counts once."""
+    """Yield the data sets of numbers, or of records with some, with their paths; each object once."""
     import h5py
 
     waiting: list[tuple[str, int, Any]] = [("", 0, file)]
-    seen: set[int] = set()
+    addresses: set[int] = set()
     while waiting:
         prefix, depth, group = waiting.pop()
         for key in group:
@@ -72,11 +81,12 @@ def _datasets(file: Any) -> Iterator[tuple[str, Any]]:
                 )
             if not isinstance(link, h5py.HardLink) or name.startswith("#"):
                 continue  # a soft link names what stands elsewhere in the file, and is met there
+            # Groups may hold each other by hard links, in a circle: addresses tell what was visited.
             kind, address = _kind_and_address(group, key)
-            if address in seen:
+            if address in addresses:
                 continue
-            seen.add(address)
-            if len(seen) > MOST_OBJECTS or depth > DEEPEST:
+            addresses.add(address)
+            if len(addresses) > MOST_OBJECTS or depth > DEEPEST:
                 raise RecordingError(
                     f"The file has more than {MOST_OBJECTS} groups and data sets, or groups more than {DEEPEST} deep; "
                     "export the signals of the joints alone.",
@@ -89,6 +99,7 @@ def _datasets(file: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _kind_and_address(group: Any, key: str) -> tuple[int, int]:
+    """Return what an object is, and where it lies, without opening it."""
     import h5py
 
     info = h5py.h5o.get_info(group.id, group._e(key))

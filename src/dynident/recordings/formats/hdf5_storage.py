@@ -1,6 +1,6 @@
-"""How an HDF5 data set is stored: refused before a byte of it is read where that is not plainly in its file.
+"""Check how an HDF5 data set is stored, and refuse it before a byte of it is read if that is not plainly in its file.
 
-The HDF5 library trusts what a file says of itself: it opens other files, sets aside what a chunk is said to unpack to,
+The HDF5 library trusts what a file says of itself: it opens other files, allocates what a chunk is said to unpack to,
 and ends the process at some damages.
 """
 
@@ -30,8 +30,10 @@ def check_storage(name: str, item: h5py.Dataset, file_size: int) -> None:
     Parameters
     ----------
     name : str
+        Of the data set, for the message.
     item : h5py.Dataset
     file_size : int
+        Bytes.
 
     Raises
     ------
@@ -58,7 +60,7 @@ def check_storage(name: str, item: h5py.Dataset, file_size: int) -> None:
 
 
 def _check_chunks(name: str, item: Any, filters: list[int], chunk: int, file_size: int) -> None:
-    """Check where the stored chunks are said to lie, and how long they are, before the library follows it."""
+    """Check where stored chunks are said to lie, and how long they are, before the library follows it."""
     most = math.prod(-(-size // part) for size, part in zip(item.shape, item.chunks, strict=True))
     compressed = any(code in _GROWTH or code == _SZIP for code in filters)
     # Deflate, the worst of them, makes five bytes more of 32 kB that it cannot shrink.
@@ -76,6 +78,7 @@ def _check_chunks(name: str, item: Any, filters: list[int], chunk: int, file_siz
             wrong.append(info)
             return True  # ends the iteration
         if any(info.size * _GROWTH.get(code, 0) > 4 * LARGEST_CHUNK for code in filters) or _SZIP in filters:
+            # Only these could unpack to more than their chunk: to look into every chunk would read the whole file.
             suspects.append(info)
         return None
 
@@ -92,7 +95,8 @@ def _check_chunks(name: str, item: Any, filters: list[int], chunk: int, file_siz
 
 
 def _check_compressed(name: str, item: Any, filters: list[int], info: Any, chunk: int) -> None:
-    """Refuse a chunk that would unpack to more than it may: the library makes room for whatever comes."""
+    """Refuse a chunk that would unpack to more than it may: the library allocates whatever comes."""
+    # The mask says which filters were left out when this chunk was written.
     mask, data = item.id.read_direct_chunk(info.chunk_offset)
     applied = [code for k, code in enumerate(filters) if not mask >> k & 1]
     last = next((code for code in reversed(applied) if code != _FLETCHER), None)
@@ -108,7 +112,7 @@ def _check_compressed(name: str, item: Any, filters: list[int], info: Any, chunk
 
 
 def _inflated_size(data: bytes, most: int) -> int:
-    """Bytes that a stream of deflate unpacks to, as far as `most`."""
+    """Return the number of bytes, up to `most`, that a stream of deflate unpacks to."""
     inflate: Callable[[bytes, int], bytes]
     stream = zlib.decompressobj()
     inflate, size = stream.decompress, 0
@@ -133,5 +137,5 @@ def _elsewhere(name: str, how: str) -> RecordingError:
     )
 
 
-def _unusable(name: str, what: str) -> RecordingError:
-    return RecordingError(f"{name} {what}.", pointer=name, title=TITLE)
+def _unusable(name: str, reason: str) -> RecordingError:
+    return RecordingError(f"{name} {reason}.", pointer=name, title=TITLE)

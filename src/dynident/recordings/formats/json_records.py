@@ -48,13 +48,14 @@ Value = float | str | None
 
 
 class RecordSource(FileSource):
-    """Records of a file, a row each."""
+    """The records of a JSON file, a row each."""
 
     sample_rows = 16_000
     """They are taken apart one by one: of more rows a look would take seconds."""
 
     def __init__(self, content: TextContent) -> None:
         self._content = content
+        # Columns are learned from the first records; keys that come up later are not read.
         head: list[dict[str, Value]] = []
         columns: dict[str, None] = {}
         values = 0
@@ -84,12 +85,23 @@ class RecordSource(FileSource):
 
     def _column(self, values: Sequence[Value], name: str) -> pa.Array:
         if name in self.texts:
-            return pa.array([None if one is None else encodable(str(one)) for one in values], pa.string())
-        return from_numbers(np.array([one if isinstance(one, float) else np.nan for one in values], dtype=np.float64))
+            return pa.array([None if value is None else encodable(str(value)) for value in values], pa.string())
+        return from_numbers(
+            np.array([value if isinstance(value, float) else np.nan for value in values], dtype=np.float64)
+        )
 
 
 def json_source(content: TextContent) -> FileSource:
     """Open a file of JSON.
+
+    Parameters
+    ----------
+    content : TextContent
+
+    Returns
+    -------
+    FileSource
+        An `ArrayFileSource` for one object with an array for every signal, else a `RecordSource`.
 
     Raises
     ------
@@ -105,7 +117,7 @@ def json_source(content: TextContent) -> FileSource:
 
 
 def _records(content: TextContent) -> Iterator[object]:
-    """The records one by one; those of a single object are the longest array of objects in it."""
+    """Yield the records one by one; those of a single object are the longest array of objects in it."""
     objects = _objects(content)
     first, second = next(objects, None), next(objects, None)
     if second is None and isinstance(first, dict):
@@ -113,18 +125,19 @@ def _records(content: TextContent) -> Iterator[object]:
         if inner:
             yield from max(inner, key=len)
             return
-    yield from (one for one in (first, second) if one is not None)
+    yield from (record for record in (first, second) if record is not None)
     yield from objects
 
 
 def _objects(content: TextContent) -> Iterator[object]:
-    """The values that stand one behind another; one that is cut off at the end of the file is none."""
+    """Yield the values that stand one behind another; one that the end of the file cuts off is left out."""
     decoder = json.JSONDecoder()
     decode = codecs.getincrementaldecoder("utf-8-sig")(errors="replace").decode
     text, place, number, at_end = "", 0, 0, False
     with content.open() as file:
         while True:
             following = _NEXT.search(text, place)
+            # Between values there may be white space and commas, as in an array.
             place = len(text) if following is None else following.start()
             if number == 0 and text.startswith("[", place):
                 place += 1  # one array around all records
@@ -134,21 +147,23 @@ def _objects(content: TextContent) -> Iterator[object]:
                 # An array is closed behind its last record.
                 value, end = decoder.raw_decode(text, place) if not text.startswith("]", place) else (None, place + 1)
             except (ValueError, RecursionError) as error:
-                left, row = len(text) - place, max(number, 1)
-                if at_end and (not left or (number > 1 and _is_cut_off(error, text))):
+                # Python's decoder cannot go on where it stopped: more text is read and the value begun again. Reading
+                # at least as much as is waiting keeps the total work proportional to the size.
+                n_left, row = len(text) - place, max(number, 1)
+                if at_end and (not n_left or (number > 1 and _is_cut_off(error, text))):
                     return
                 if at_end or not _is_cut_off(error, text):
                     raise RecordingError(
                         f"Record {row} cannot be read as JSON: {error}", title=TITLE, row=row
                     ) from error
                 longest = LARGEST_OBJECT if number <= 1 else LARGEST_MESSAGE
-                if left > longest:
+                if n_left > longest:
                     raise RecordingError(
                         f"Record {row} is longer than {longest >> 20} MB: write an object a line, or CSV.",
                         title=TITLE,
                         row=row,
                     ) from error
-                part = file.read(max(_READ_BYTES, left))
+                part = file.read(max(_READ_BYTES, n_left))
                 at_end = not part
                 text, place = text[place:] + decode(part, final=at_end), 0
                 continue
@@ -159,7 +174,7 @@ def _objects(content: TextContent) -> Iterator[object]:
 
 
 def _is_cut_off(error: Exception, text: str) -> bool:
-    """Whether what is no JSON may become some with the text that follows."""
+    """Return whether text that is no JSON may become some with the text that follows."""
     if not isinstance(error, json.JSONDecodeError):
         return False
     is_open = error.msg.startswith("Unterminated string") and "\n" not in text[error.pos :]
@@ -167,35 +182,35 @@ def _is_cut_off(error: Exception, text: str) -> bool:
 
 
 def _flat(record: object) -> dict[str, Value]:
-    """Give the values of a record by the way to them."""
-    found: dict[str, Value] = {}
-    _collect(record, "", found, 0)
-    return found
+    """Return the values of a record by the path to them."""
+    values: dict[str, Value] = {}
+    _collect(record, "", values, 0)
+    return values
 
 
-def _collect(value: object, name: str, found: dict[str, Value], depth: int) -> None:
+def _collect(value: object, name: str, values: dict[str, Value], depth: int) -> None:
     if depth > DEEPEST:
         raise RecordingError(f"{name[:60]} lies deeper than {DEEPEST} objects inside each other.", title=TITLE)
     if isinstance(value, dict):
         for key, inner in value.items():
-            _collect(inner, f"{name}.{key}" if name else str(key), found, depth + 1)
+            _collect(inner, f"{name}.{key}" if name else str(key), values, depth + 1)
     elif isinstance(value, list):
-        if len(found) + len(value) > MOST_COLUMNS:
-            check_columns(len(found) + len(value))
+        if len(values) + len(value) > MOST_COLUMNS:
+            check_columns(len(values) + len(value))
         for own, inner in zip(_names_of_items(name or "column", value), value, strict=True):
-            _collect(inner, own, found, depth + 1)
+            _collect(inner, own, values, depth + 1)
     elif isinstance(value, str) or value is None:
-        found[name or "column"] = value
+        values[name or "column"] = value
     else:
-        found[name or "column"] = _number(value)
+        values[name or "column"] = _number(value)
 
 
 def _names_of_items(name: str, items: Sequence[object]) -> Sequence[str]:
-    """Count the items of an array, or call them as they say that they are called."""
+    """Return names for the items of an array: their own (keys such as "name"), else numbers."""
     for key in _NAMES:
-        called = [item.get(key) if isinstance(item, dict) else None for item in items]
-        if called and all(isinstance(one, str) for one in called) and len(set(called)) == len(called):
-            return [f"{name}.{one}" for one in called]
+        labels = [item.get(key) if isinstance(item, dict) else None for item in items]
+        if labels and all(isinstance(label, str) for label in labels) and len(set(labels)) == len(labels):
+            return [f"{name}.{label}" for label in labels]
     return counted_names(name, len(items))
 
 
@@ -207,7 +222,7 @@ def _number(value: Any) -> float:
 
 
 def _arrays(value: Mapping[str, Any], name: str, depth: int) -> Iterator[StoredArray]:
-    """The arrays of numbers in an object that holds one for every signal."""
+    """Yield the arrays of numbers in an object that holds one for every signal."""
     if depth > DEEPEST:
         raise RecordingError(f"{name[:60]} lies deeper than {DEEPEST} objects inside each other.", title=TITLE)
     for key, inner in value.items():
@@ -226,7 +241,7 @@ def _arrays(value: Mapping[str, Any], name: str, depth: int) -> Iterator[StoredA
 
 
 def _has_rows(values: list[Any]) -> bool:
-    """Whether an array, or the first in it, is long enough for a signal of numbers."""
+    """Return whether an array, or the first array in it, is long enough for a signal of numbers."""
     first = values[0] if values else None
     inner = len(first) if isinstance(first, list) else 0
     return max(len(values), inner) >= FEWEST_ROWS and not isinstance(first, (dict, str))

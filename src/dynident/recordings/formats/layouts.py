@@ -1,7 +1,8 @@
-"""Where the numbers lie in messages that are built alike, learned from one that the package of their format unpacked.
+"""Fast reading of binary messages that are built alike: where their numbers lie is learned from one message.
 
 All messages of a topic are usually of one length, with the same names in the same places. Such a message is written
-again by the package twice, with numbers that mark their places; of all others only the numbers are read, many at once.
+again by the package of its format twice, with numbers that mark their places; of all others only the numbers are read,
+many at once.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _MOST = 0x7FFF
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """How messages of one kind are laid out: bytes (size,) that all of them have in common, where `common`.
+    """How messages of one kind are laid out: bytes (size,) that all of them have in common, where `common` is true.
 
     `places` (c,) and `stamp` are where the values lie, as float64, and whole seconds and nanoseconds, as uint32.
     """
@@ -46,9 +47,17 @@ class Layout:
     def read(self, messages: Sequence[bytes]) -> tuple[BoolArray, FloatArray, FloatArray]:
         """Read messages of this length.
 
+        Parameters
+        ----------
+        messages : sequence of bytes
+
         Returns
         -------
-        (m,) which of them are laid out like this; of these their stamps in s (0 without one), and values (m, c).
+        alike : (m,) of bool
+            Which of them are laid out like this.
+        times : (k,)
+            Stamps of these in s, 0 without one.
+        values : (k, c)
         """
         size = len(self.like)
         whole = np.frombuffer(b"".join(messages), dtype=np.uint8).reshape(len(messages), size)
@@ -62,10 +71,10 @@ class Layout:
 
 
 def _numbers(whole: NDArray[np.uint8], places: IntArray, kind: str) -> FloatArray:
-    """(m, c): numbers of a kind at places of bytes (m, size)."""
+    """Return the numbers (m, c) of a kind at places of bytes (m, size)."""
     width = np.dtype(kind).itemsize
-    found = whole[:, places[:, None] + np.arange(width)]
-    return np.asarray(np.ascontiguousarray(found).view(kind)[..., 0])
+    chunks = whole[:, places[:, None] + np.arange(width)]
+    return np.asarray(np.ascontiguousarray(chunks).view(kind)[..., 0])
 
 
 class Message(Protocol):
@@ -82,7 +91,7 @@ def learned(
     written: Callable[[MessageT], bytes],
     content: Callable[[MessageT], Content],
 ) -> Layout | None:
-    """Learn the layout of a message: None where its numbers are not found again, as of types that are rare.
+    """Learn the layout of a message.
 
     Parameters
     ----------
@@ -95,28 +104,35 @@ def learned(
         Packs a message.
     content : callable
         What is read of a message.
+
+    Returns
+    -------
+    Layout or None
+        None if its numbers are not found again, as of types that are rare.
     """
     marked = [_Marks(fields, which).marked(message) for which in (0, 1)]
-    first, second = (np.frombuffer(written(one), dtype=np.uint8) for one in marked)
+    first, second = (np.frombuffer(written(copy), dtype=np.uint8) for copy in marked)
     own = np.frombuffer(data, dtype=np.uint8)
     if not len(first) == len(second) == len(own):
         return None
+    # No byte of a mark is alike in the two versions: bytes that are equal hold no numbers.
     common = first == second
     if not np.array_equal(own[common], first[common]):
         return None
     names, values, stamp = content(marked[0])
     raw = first.tobytes()
+    # Each mark is a number of its own: its bytes tell the place of its value.
     places = [raw.find(struct.pack("<d", value)) for value in values]
     words = None if stamp is None else tuple(raw.find(struct.pack("<I", number)) for number in stamp)
-    found = [*places, *(words or ())]
-    if min(found, default=-1) < 0 or len(set(found)) < len(found):
+    all_places = [*places, *(words or ())]
+    if min(all_places, default=-1) < 0 or len(set(all_places)) < len(all_places):
         return None
     where = None if words is None else (words[0], words[1])
     return Layout(own, common, tuple(names), np.array(places), where)
 
 
 class _Marks:
-    """Puts numbers into a message that tell their places: each another one, and in two versions no byte alike."""
+    """Replaces the numbers of a message by marks: each a number of its own, in two versions no byte alike."""
 
     def __init__(self, fields: Callable[[str], Fielddefs], which: int) -> None:
         self._fields, self._which, self._count = fields, which, 0
@@ -133,11 +149,11 @@ class _Marks:
             return self._number(value, of[0])
         inner = of[0]
         if isinstance(value, np.ndarray):
-            return np.array([self._number(one, inner[1][0]) for one in value], dtype=value.dtype)
-        return [self._value(one, inner) for one in value]
+            return np.array([self._number(element, inner[1][0]) for element in value], dtype=value.dtype)
+        return [self._value(element, inner) for element in value]
 
     def _number(self, value: Any, kind: str) -> Any:
-        """A number for another; strings stay, which all messages share."""
+        """Return the mark in place of a number; strings stay, which all messages share."""
         if kind in ("string", "wstring"):
             return value
         self._count = count = min(self._count + 1, _MOST)

@@ -42,6 +42,14 @@ class _Element:
 def matlab_source(path: Path) -> ArrayFileSource:
     """Open a MAT file; a field of a structure is called structure.field.
 
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    ArrayFileSource
+
     Raises
     ------
     RecordingError
@@ -64,6 +72,7 @@ def _arrays(file: IO[bytes]) -> Iterator[StoredArray]:
     reader = _Reader(file, order, size)
     elements = list(_variables(reader, size))
     sizes = {element.start: _unpacked_size(file, element, order) for element in elements if element.code == _COMPRESSED}
+    # All compressed parts together are checked before the first is unpacked to disk.
     check_unpacked(sum(sizes.values()), size)
     unpacked = UnpackedFile(sum(sizes.values())) if sizes else None
     for element in elements:
@@ -76,7 +85,7 @@ def _arrays(file: IO[bytes]) -> Iterator[StoredArray]:
 
 
 def _variables(reader: _Reader, size: int) -> Iterator[_Element]:
-    """What lies in the file, one behind another."""
+    """Yield the elements of the file, one behind another."""
     at, number = _HEADER, 0
     while at + 8 <= size:
         element = reader.element(at)
@@ -88,19 +97,20 @@ def _variables(reader: _Reader, size: int) -> Iterator[_Element]:
 
 
 def _unpacked_size(file: IO[bytes], element: _Element, order: str) -> int:
-    """Bytes that a compressed part unpacks to: it begins with a code and the size of what follows."""
-    read = _inflated(file, element)
+    """Return the bytes that a compressed part unpacks to: it begins with a code and the size of what follows."""
+    next_bytes = _inflated(file, element)
     head = b""
-    while len(head) < 8 and (part := read(8 - len(head))):
+    while len(head) < 8 and (part := next_bytes(8 - len(head))):
         head += part
     if len(head) < 8:
         raise ValueError("a compressed part ends too early")
     code, size = np.frombuffer(head, dtype=f"{order}u4").tolist()
+    # A small element has its size in the upper half of its code, and its data in the same eight bytes.
     return 8 if code >> 16 else 8 + int(size)
 
 
 def _inflated(file: IO[bytes], element: _Element) -> Callable[[int], bytes]:
-    """What gives the next bytes of a compressed part, at most as many as are asked for."""
+    """Return a function that gives the next bytes of a compressed part, at most as many as are requested."""
     inflate, at = zlib.decompressobj(), element.start
 
     def read(most: int) -> bytes:
@@ -127,18 +137,19 @@ class _Reader:
         self._file, self._order, self._size = file, order, size
 
     def element(self, at: int) -> _Element:
-        """What begins at a byte; a small one holds its data beside its code."""
+        """Return the element that begins at a byte; a small one holds its data beside its code."""
         code, size = self._numbers(at, "u4", 2)
         if small := code >> 16:
             element = _Element(code & 0xFFFF, at + 4, small, at + 8)
         else:
+            # Elements are padded to multiples of eight bytes.
             element = _Element(code, at + 8, size, at + 8 + size + -size % 8)
         if element.start + element.size > self._size:
             raise ValueError(f"the part from byte {at} on ends too early")
         return element
 
     def matrix(self, element: _Element, name: str | None = None, depth: int = 0) -> Iterator[StoredArray]:
-        """The arrays of a matrix: itself, or those of the fields of a structure."""
+        """Yield the arrays of a matrix: itself, or those of the fields of a structure."""
         if element.code != _MATRIX or not element.size:
             return
         if depth > DEEPEST:
@@ -162,6 +173,7 @@ class _Reader:
         shape = tuple(size for size in shape if size != 1)
         if kind is None or not shape:
             return
+        # What a header says is checked against the bytes that are there: nothing is allocated by it.
         if min(shape) < 0 or kind.itemsize * math.prod(shape) != numbers.size:
             raise ValueError(f"{name} has not as many numbers as its size says")
         yield Place(self._file, numbers.start, kind, shape, by_columns=True).array(name)

@@ -1,4 +1,4 @@
-"""MCAP files: chunk by chunk, none of which unpacks to more than it is said to."""
+"""MCAP files: read chunk by chunk, none of which may unpack to more than it is said to."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _AHEAD = 10_000
 
 
 def mcap_messages(path: Path) -> Iterator[PackedMessage]:
-    """Give the messages that hold signals of joints, by their time."""
+    """Yield the messages that hold signals of joints, by their time."""
     with path.open("rb") as opened:
         file = _McapFile(KnownLength(opened))
         for schema, channel, message in file.messages():
@@ -33,14 +33,14 @@ def mcap_messages(path: Path) -> Iterator[PackedMessage]:
 
 @dataclass
 class _Registry:
-    """Schemas and channels that a file has named so far, and where it says that chunks lie."""
+    """Schemas and channels that a file has named so far, and the index of its chunks."""
 
     schemas: dict[int, Any] = field(default_factory=dict)
     channels: dict[int, Any] = field(default_factory=dict)
     chunks: list[Any] = field(default_factory=list)
 
     def add(self, record: Any) -> None:
-        """Take in a record, if it is one of these."""
+        """Add a record, if it is one of these."""
         from mcap.records import Channel, ChunkIndex, Schema
 
         if isinstance(record, Schema):
@@ -51,7 +51,7 @@ class _Registry:
             self.chunks.append(record)
 
     def find(self, message: Any) -> tuple[Any, Any, Any] | None:
-        """Schema and channel of a message that holds signals of joints."""
+        """Return schema and channel with a message, if it holds signals of joints."""
         channel = self.channels.get(message.channel_id)
         schema = None if channel is None else self.schemas.get(channel.schema_id)
         if channel is None or schema is None or channel.message_encoding != "cdr":
@@ -65,12 +65,12 @@ class _McapFile:
         self._unpacked = UnpackedSize(file.size)
 
     def messages(self) -> Iterator[tuple[Any, Any, Any]]:
-        """Schema, channel and message of the messages that hold signals of joints."""
+        """Yield schema, channel and message of the messages that hold signals of joints."""
         summary = self._summary()
         return self._unindexed() if summary is None or not summary.chunks else self._indexed(summary)
 
     def _summary(self) -> _Registry | None:
-        """What the end of the file says of all of it; `None` where it says nothing."""
+        """Return what the end of the file says of all of it; None if it says nothing."""
         from mcap.records import Chunk, Footer
         from mcap.stream_reader import StreamReader
 
@@ -90,7 +90,7 @@ class _McapFile:
         return summary
 
     def _indexed(self, summary: _Registry) -> Iterator[tuple[Any, Any, Any]]:
-        """Read the known messages by their time, chunk by chunk.
+        """Yield the known messages by their time, chunk by chunk.
 
         The package's own reader puts every message into a heap, which takes longer than to unpack it, and those of
         other topics, images among them. Here what is of no later time than all later chunks is given, whole chunks
@@ -99,29 +99,36 @@ class _McapFile:
         from mcap.data_stream import ReadDataStream
         from mcap.records import Chunk, Message
 
-        wanted = {
+        known_channels = {
             key
             for key, channel in summary.channels.items()
             if channel.schema_id in summary.schemas and plain_type(summary.schemas[channel.schema_id].name) in KNOWN
         }
-        chunks = sorted(summary.chunks, key=lambda one: (one.message_start_time, one.chunk_start_offset))
+        chunks = sorted(summary.chunks, key=lambda index: (index.message_start_time, index.chunk_start_offset))
         # A file without indices of messages does not say which channels are in a chunk.
-        chunks = [one for one in chunks if not one.message_index_offsets or wanted & one.message_index_offsets.keys()]
-        kept: list[Any] = []
+        chunks = [
+            index
+            for index in chunks
+            if not index.message_index_offsets or known_channels & index.message_index_offsets.keys()
+        ]
+        messages: list[Any] = []
         file: Any = self._file
         for chunk, following in zip(chunks, [*chunks[1:], None], strict=True):
             file.seek(chunk.chunk_start_offset + _RECORD_HEAD)
             records = self._unpack(Chunk.read(ReadDataStream(file)))
-            kept += [one for one in records if isinstance(one, Message) and one.channel_id in wanted]
-            kept.sort(key=lambda one: one.log_time)
-            until = len(kept)
+            messages += [
+                message for message in records if isinstance(message, Message) and message.channel_id in known_channels
+            ]
+            messages.sort(key=lambda message: message.log_time)
+            until = len(messages)
             if following is not None:
-                until = bisect_right(kept, following.message_start_time, key=lambda one: one.log_time)
-            yield from filter(None, map(summary.find, kept[:until]))
-            del kept[:until]
+                # Later chunks may hold messages from their start time on: earlier ones are in their final order.
+                until = bisect_right(messages, following.message_start_time, key=lambda message: message.log_time)
+            yield from filter(None, map(summary.find, messages[:until]))
+            del messages[:until]
 
     def _unindexed(self) -> Iterator[tuple[Any, Any, Any]]:
-        """Read the known messages as they stand in the file, and put them in order among their neighbours."""
+        """Yield the known messages as they stand in the file, put in order among their neighbours."""
         from mcap.records import Chunk, Message
         from mcap.stream_reader import StreamReader
 
@@ -134,16 +141,18 @@ class _McapFile:
             records: list[Any] = self._unpack(stored) if isinstance(stored, Chunk) else [stored]
             for record in records:
                 registry.add(record)
-                known = registry.find(record) if isinstance(record, Message) else None
-                if known is not None:
-                    heapq.heappush(waiting, (record.log_time, next(number), known))
+                joint_message = registry.find(record) if isinstance(record, Message) else None
+                if joint_message is not None:
+                    # The running number keeps messages of one time in the order of the file, and spares comparing
+                    # them.
+                    heapq.heappush(waiting, (record.log_time, next(number), joint_message))
                 if len(waiting) > _AHEAD:
                     yield heapq.heappop(waiting)[2]
         while waiting:
             yield heapq.heappop(waiting)[2]
 
     def _unpack(self, chunk: Any) -> list[Any]:
-        """The records of a chunk, unpacked within its limits before the package takes them apart."""
+        """Return the records of a chunk, unpacked within its limits before the package takes them apart."""
         from mcap.stream_reader import breakup_chunk
 
         size = chunk.uncompressed_size if chunk.compression else len(chunk.data)
@@ -157,7 +166,7 @@ class _McapFile:
 
 
 def _decompress(compression: str, data: bytes, size: int) -> bytes:
-    """At most one byte more than `size`."""
+    """Return the unpacked bytes, at most one more than `size`, which then shows that there are too many."""
     if compression == "zstd":
         from zstandard import ZstdDecompressor
 

@@ -1,4 +1,4 @@
-"""Texts that define the types of messages, as files bring them along.
+"""Definitions of message types that files bring along, parsed within limits.
 
 The package that reads messages turns a definition into a program, in which arrays of fixed length are written out.
 Here nothing but names of fields and their types gets there, and no type that holds itself or is larger than a message.
@@ -18,7 +18,7 @@ _BETWEEN = "=" * 80 + "\n"
 
 
 def defined_types(definition: str, type_name: str, known: Typesdict) -> Typesdict:
-    """The types of a definition that are not known yet.
+    """Parse the types of a definition that are not known yet.
 
     Parameters
     ----------
@@ -27,6 +27,11 @@ def defined_types(definition: str, type_name: str, known: Typesdict) -> Typesdic
     type_name : str
     known : mapping
         Types that need no definition.
+
+    Returns
+    -------
+    mapping
+        Of the names of types to their fields.
 
     Raises
     ------
@@ -49,7 +54,7 @@ def defined_types(definition: str, type_name: str, known: Typesdict) -> Typesdic
 
 
 class _Sizes:
-    """Counts the numbers that a message of a type holds beside its sequences."""
+    """Counts the numbers in a message of a type, without those in sequences."""
 
     def __init__(self, types: Typesdict) -> None:
         self._types = types
@@ -62,6 +67,7 @@ class _Sizes:
             raise ValueError(f"the type {name} is not defined")
         if name not in self._sizes:
             fields = self._types[name][1]
+            # An array of an empty type costs, too: every type counts as one number at least.
             size = max(1, sum(self._of_field(kind, (*within, name)) for _, kind in fields))
             if size > MOST_COLUMNS:
                 raise ValueError(f"the type {name} holds {size} numbers; at most {MOST_COLUMNS} are read")

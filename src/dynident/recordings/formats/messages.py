@@ -1,4 +1,4 @@
-"""The messages of a bag that hold signals of joints, as samples: a topic, times, names and values."""
+"""Messages of a bag that hold signals of joints, as samples: a topic, times, names and values."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ with more are made to fill a memory, or are read one message after another."""
 
 
 class Samples(NamedTuple):
-    """What messages of one topic say: times (m,) in s, and values (m, c) by field and joint; NaN where one has none."""
+    """Samples of one topic: times (m,) in s, and values (m, c) by field and joint; NaN if a message lacks one."""
 
     topic: str
     times: FloatArray
@@ -49,19 +49,28 @@ class Samples(NamedTuple):
 
 
 def samples_of(path: Path, name: str) -> Iterator[Samples]:
-    """Read the messages that hold signals of joints, in the order of the file but for those of other topics.
+    """Read the messages that hold signals of joints, topic by topic in parts, otherwise in the order of the file.
+
+    Parameters
+    ----------
+    path : path
+    name : "rosbag", "rosbag2" or "mcap"
+
+    Yields
+    ------
+    Samples
 
     Raises
     ------
     RecordingError
         For a file that cannot be read.
     """
-    read = {"rosbag": ros1_messages, "rosbag2": ros2_messages, "mcap": mcap_messages}[name]
+    read_messages = {"rosbag": ros1_messages, "rosbag2": ros2_messages, "mcap": mcap_messages}[name]
     unpack = _Unpacker(ros1=name == "rosbag")
     undefined: dict[str, None] = {}
     any_read = False
     try:
-        for together in _together(read(path)):
+        for together in _together(read_messages(path)):
             topics: dict[str, list[PackedMessage]] = {}
             for packed in together:
                 if unpack.knows(packed):
@@ -69,7 +78,7 @@ def samples_of(path: Path, name: str) -> Iterator[Samples]:
                 else:
                     undefined[packed.type] = None
             any_read = any_read or bool(topics)
-            yield from (samples for one in topics.values() if (samples := unpack(one)).names)
+            yield from (samples for topic_messages in topics.values() if (samples := unpack(topic_messages)).names)
     except (ModuleNotFoundError, RecordingError):
         raise
     except Exception as error:  # the readers' own kinds of error are many, and are all about the file
@@ -83,7 +92,7 @@ def samples_of(path: Path, name: str) -> Iterator[Samples]:
 
 
 def _together(messages: Iterator[PackedMessage]) -> Iterator[list[PackedMessage]]:
-    """The messages in parts, none of many messages or many bytes."""
+    """Yield the messages in lists, none of many messages or many bytes."""
     part: list[PackedMessage] = []
     size = 0
     for message in messages:
@@ -105,7 +114,7 @@ def _together(messages: Iterator[PackedMessage]) -> Iterator[list[PackedMessage]
 
 
 class _Unpacker:
-    """Unpacks messages, with the types that the file defines beside those that ROS brings."""
+    """Unpacks messages, with the types that the file defines and those that ROS brings."""
 
     def __init__(self, *, ros1: bool) -> None:
         from rosbags.typesys import Stores, get_typestore
@@ -116,20 +125,21 @@ class _Unpacker:
         self._layouts: dict[tuple[str, int], Layout | None] = {}
 
     def knows(self, packed: PackedMessage) -> bool:
-        """Whether ROS or the file says how a message is built."""
+        """Return whether ROS or the file defines the type of a message."""
         return bool(packed.definition) or packed.type in self._store.types
 
     def __call__(self, messages: Sequence[PackedMessage]) -> Samples:
         """Unpack messages of one topic."""
         parts: list[tuple[IntArray, FloatArray, tuple[str, ...], FloatArray]] = []
-        sizes = np.array([len(one.data) for one in messages])
-        stamps = np.array([one.stamp for one in messages]) * 1e-9
+        sizes = np.array([len(message.data) for message in messages])
+        stamps = np.array([message.stamp for message in messages]) * 1e-9
+        # Messages of one length are mostly laid out alike, and read at once.
         for size in dict.fromkeys(sizes.tolist()):
             at = np.flatnonzero(sizes == size)
             group = [messages[int(k)] for k in at]
             layout = self._layout_of(group[0])
             if layout is not None:
-                alike, times, values = layout.read([one.data for one in group])
+                alike, times, values = layout.read([message.data for message in group])
                 parts.append((at[alike], times, layout.names, values))
                 at = at[~alike]
             for k in at.tolist():
@@ -138,19 +148,20 @@ class _Unpacker:
                 parts.append((np.array([k]), np.array([time]), tuple(names), np.asarray(numbers, dtype=np.float64)))
         columns = {name: place for place, name in enumerate(dict.fromkeys(name for part in parts for name in part[2]))}
         check_columns(len(columns))
-        whole, read = np.full((len(messages), len(columns)), np.nan), np.zeros(len(messages), dtype=bool)
+        whole, has_values = np.full((len(messages), len(columns)), np.nan), np.zeros(len(messages), dtype=bool)
         for at, times, names, values in parts:
             whole[at[:, None], [columns[name] for name in names]] = values
             # A stamp that nobody filled in is 0.
             stamps[at] = np.where(times == 0.0, stamps[at], times)
-            read[at] = bool(names)
-        return Samples(messages[0].topic.strip("/"), stamps[read], tuple(columns), whole[read])
+            has_values[at] = bool(names)
+        return Samples(messages[0].topic.strip("/"), stamps[has_values], tuple(columns), whole[has_values])
 
     def _layout_of(self, packed: PackedMessage) -> Layout | None:
-        """How messages of a topic and of this length are laid out; None where one by one has to be unpacked."""
+        """Return the layout of messages of this topic and length; None if each has to be unpacked."""
         key = (packed.topic, len(packed.data))
         if key not in self._layouts:
             message = self._message(packed)
+            # Stays so if nothing can be learned: no message of this kind is tried twice.
             self._layouts[key] = None
             if len(self._layouts) > _MOST_LAYOUTS or len(_read(packed.type, message)[0]) > _MOST_NAMES:
                 return None
@@ -159,8 +170,8 @@ class _Unpacker:
                     packed.data,
                     message,
                     lambda kind: self._store.get_msgdef(kind).fields,
-                    lambda one: bytes(self._pack(one, packed.type)),
-                    lambda one: _read(packed.type, one),
+                    lambda content: bytes(self._pack(content, packed.type)),
+                    lambda content: _read(packed.type, content),
                 )
         return self._layouts[key]
 
@@ -171,11 +182,12 @@ class _Unpacker:
 
 
 def _read(kind: str, message: Any) -> Content:
-    """Names and values of a message, and the time that it is stamped with, if it is."""
+    """Return names and values of a message, and its stamp, if it has one."""
     names, values = _content(kind, message)
     header = getattr(message, "header", None)
     if header is not None:
         return names, values, (header.stamp.sec, header.stamp.nanosec)
+    # KUKA's LBR messages carry their time in two fields of their own.
     if hasattr(message, "time_stamp_nano_sec"):
         return names, values, (message.time_stamp_sec, message.time_stamp_nano_sec)
     return names, values, None
@@ -230,7 +242,7 @@ def _of_joints(joints: Any, message: Any) -> tuple[Sequence[str], FloatArray]:
 
 @lru_cache(maxsize=64)
 def _names_of(joints: tuple[str, ...], counts: tuple[tuple[str, int], ...]) -> tuple[str, ...]:
-    """One and the same for all messages of a topic, which are many."""
+    """Return the column names; the same object for all messages of a topic, which are many."""
     return tuple(f"{field}_{joint}" for field, count in counts for joint in joints[:count])
 
 

@@ -25,7 +25,17 @@ _BROKEN = (
 
 
 def numpy_source(path: Path, name: str) -> ArrayFileSource:
-    """Open a .npy file (an array of numbers, or of records with named fields) or a .npz archive of arrays.
+    """Open a .npy file or a .npz archive.
+
+    Parameters
+    ----------
+    path : path
+    name : "npy" or "npz"
+        An array of numbers (or of records with named fields), or an archive of arrays.
+
+    Returns
+    -------
+    ArrayFileSource
 
     Raises
     ------
@@ -51,7 +61,7 @@ def _single(path: Path) -> list[StoredArray]:
 
 
 def _archived(path: Path) -> list[StoredArray]:
-    found = []
+    arrays = []
     file = path.open("rb")
     with ZipFile(path) as archive:
         members = [member for member in archive.infolist() if member.filename.endswith(".npy")]
@@ -72,25 +82,25 @@ def _archived(path: Path) -> list[StoredArray]:
                 else:
                     place = _place(unpacked.file, *unpacked.append(stream.read, member.file_size))
             if place is not None and not place.kind.names:
-                found.append(place.array(member.filename.removesuffix(".npy")))
-    return found
+                arrays.append(place.array(member.filename.removesuffix(".npy")))
+    return arrays
 
 
 def _start_of(file: IO[bytes], member: ZipInfo) -> int:
-    """The first byte of a member of an archive: behind its header, whose last two parts may be of any length."""
+    """Return the first byte of a member of an archive: behind its header, with two parts of any length."""
     file.seek(member.header_offset + 26)
     lengths = file.read(4)
     return member.header_offset + 30 + int.from_bytes(lengths[:2], "little") + int.from_bytes(lengths[2:], "little")
 
 
 def _place(file: IO[bytes], start: int, end: int) -> Place | None:
-    """Where an array lies whose description begins at `start`; None for one of other things than numbers."""
+    """Return where an array lies whose description begins at `start`; None for one of other things than numbers."""
     file.seek(start)
-    known: Any = KnownLength(file)
-    version = numpy_format.read_magic(known)
+    bounded: Any = KnownLength(file)
+    version = numpy_format.read_magic(bounded)
     if version not in _HEADERS:
         raise ValueError(f"arrays of the format {version[0]}.{version[1]} are not known")
-    shape, by_columns, kind = _HEADERS[version](known)
+    shape, by_columns, kind = _HEADERS[version](bounded)
     if kind.hasobject:
         raise ValueError("it holds Python objects, which are never unpacked; save arrays of numbers")
     if not kind.names and kind.kind not in _NUMBERS:
@@ -98,6 +108,6 @@ def _place(file: IO[bytes], start: int, end: int) -> Place | None:
     if any(size < 0 for size in shape):
         raise ValueError(f"its shape is {shape}")
     place = Place(file, file.tell(), kind, shape, by_columns)
-    if place.end > min(end, known.size):
+    if place.end > min(end, bounded.size):
         raise ValueError(f"its last numbers are missing: the shape is {shape}")
     return place

@@ -1,4 +1,4 @@
-"""Which format a file is in, told from its first bytes, and who reads it."""
+"""Open a file of any format: the format is told from its first bytes."""
 
 from __future__ import annotations
 
@@ -48,12 +48,21 @@ _LOOKED_AT = 4096
 
 
 def format_of(path: Path) -> str:
-    """Tell the format of a file; "csv" for whatever is none of the others.
+    """Return the name of a file's format; "csv" for whatever is none of the others.
+
+    Parameters
+    ----------
+    path : path
+        Of several files, the first counts.
+
+    Returns
+    -------
+    str
 
     Raises
     ------
     RecordingError
-        For an empty file.
+        For an empty file, or one of a format that is known and not read.
     """
     parts = parts_of(path)
     if len(parts) > 1:
@@ -62,17 +71,17 @@ def format_of(path: Path) -> str:
     start = content.start(_LOOKED_AT)
     if not start:
         raise RecordingError("The file is empty.", title="Unreadable file")
-    found = next((name for first, name in _STARTS if start.startswith(first)), None)
-    if content.compression is not None and (found or START.search(start)):
+    detected = next((name for first, name in _STARTS if start.startswith(first)), None)
+    if content.compression is not None and (detected or START.search(start)):
         raise RecordingError(
-            f"The file is {found or 'rsi'}, compressed with {content.compression}; only text is unpacked on the way: "
-            "unpack the file first.",
+            f"The file is {detected or 'rsi'}, compressed with {content.compression}; only text is unpacked on the "
+            "way: unpack the file first.",
             title="Unreadable file",
         )
-    if found == "npz":
+    if detected == "npz":
         return "npz" if has_arrays(path) else "zip"
-    if found is not None:
-        return found
+    if detected is not None:
+        return detected
     _refuse_foreign(start)
     if json_records.START.search(start):
         return "jsonl"
@@ -80,22 +89,27 @@ def format_of(path: Path) -> str:
 
 
 def _refuse_foreign(start: bytes) -> None:
-    """Say of files that are known and not read, what to do."""
-    for begin, what in _NOT_READ:
+    """Refuse files of formats that are known but not read, and say what to do."""
+    for begin, advice in _NOT_READ:
         if start.startswith(begin):
-            raise RecordingError(f"The file is {what}", title="Unreadable file")
+            raise RecordingError(f"The file is {advice}", title="Unreadable file")
 
 
 def open_source(path: Path, file_format: str | None, rate: float | None = None) -> FileSource:
-    """Open a user's file; the format is told from its first bytes where it is not given.
+    """Open a user's file.
 
     Parameters
     ----------
     path : path
         Of one file, or of several that are one recording: q.csv+dq.csv+tau.csv.
     file_format : str, optional
+        Told from its first bytes if not given.
     rate : float, optional
-        Hz of the rows, where they have no time.
+        Hz of the rows, if they have no time.
+
+    Returns
+    -------
+    FileSource
 
     Raises
     ------
@@ -106,6 +120,8 @@ def open_source(path: Path, file_format: str | None, rate: float | None = None) 
         raise RecordingError(
             f"The file's name {encodable(path.name)!r} is no UTF-8; rename it.", title="Unreadable file"
         )
+    # Each wrapper repairs one thing: words in cells first, since times may be among them; then split stamps; then
+    # rows of several series; the stated rate last, which replaces any time.
     return with_rate(with_joined_rows(with_stamps(with_words(_open_source(path, file_format)))), rate)
 
 
@@ -113,26 +129,26 @@ def _open_source(path: Path, file_format: str | None) -> FileSource:
     parts = parts_of(path)
     if len(parts) > 1:
         return _join(path, parts)
-    found = format_of(path)
-    if file_format == "parquet" and found == "csv":
+    detected = format_of(path)
+    if file_format == "parquet" and detected == "csv":
         return ParquetFileSource(path)  # which says what is wrong with it
-    if file_format not in (None, found) and (found, file_format) != ("hdf5", "mat"):
+    if file_format not in (None, detected) and (detected, file_format) != ("hdf5", "mat"):
         raise RecordingError(
-            f'The file is {_WRITTEN.get(found, found)}, not {_WRITTEN.get(file_format, file_format)}; say "format": '
-            f'"{found}".',
+            f"The file is {_WRITTEN.get(detected, detected)}, not {_WRITTEN.get(file_format, file_format)}; say "
+            f'"format": "{detected}".',
             pointer="/format",
         )
-    if found == "parquet":
+    if detected == "parquet":
         return ParquetFileSource(path)
-    if found in ("csv", "jsonl"):
+    if detected in ("csv", "jsonl"):
         return open_text(TextContent(path))
-    if found == "zip":
+    if detected == "zip":
         return _join(path, parts)
-    return _open_foreign(path, found)
+    return _open_foreign(path, detected)
 
 
 def _join(path: Path, parts: list[Path]) -> FileSource:
-    """Open the files of a recording in several, or those in an archive."""
+    """Open the files of a recording in several files, or those in an archive."""
     for part in parts:
         name = format_of(part)
         if len(parts) > 1 and name not in ("csv", "jsonl"):

@@ -1,4 +1,4 @@
-"""Messages of a bag as they are stored, and the types of those that hold signals of joints."""
+"""Messages of a bag in packed form, and the names of the types that hold signals of joints."""
 
 from __future__ import annotations
 
@@ -46,5 +46,5 @@ class PackedMessage(NamedTuple):
 
 
 def plain_type(type_name: str) -> str:
-    """sensor_msgs/JointState, as ROS 1 writes it, is sensor_msgs/msg/JointState."""
+    """Return the type's name as ROS 2 writes it: sensor_msgs/JointState of ROS 1 is sensor_msgs/msg/JointState."""
     return type_name if "/msg/" in type_name else type_name.replace("/", "/msg/", 1)

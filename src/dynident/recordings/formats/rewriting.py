@@ -25,7 +25,7 @@ _TRIES = 64
 
 
 def close_lists(lines: list[str]) -> list[str]:
-    """Put lines together between which a list in brackets goes on."""
+    """Join lines between which a list in brackets goes on."""
     whole: list[str] = []
     for line in lines:
         if whole and whole[-1].count("[") > whole[-1].count("]"):
@@ -36,17 +36,17 @@ def close_lists(lines: list[str]) -> list[str]:
 
 
 def has_lists(lines: list[str]) -> bool:
-    """Whether cells of the rows below the first line are lists."""
+    """Return whether cells of the rows below the first line are lists."""
     return sum(1 for line in lines[1:32] if _LIST.search(line)) >= 2
 
 
 def flatten_lists(text: str) -> str:
-    """Put the items of lists into cells of their own."""
+    """Return the text with the items of lists in cells of their own."""
     return _LIST.sub(lambda cell: _replace(cell, lambda items, mark: mark.join(items)), text)
 
 
 def lengths_of_lists(line: str, delimiter: str) -> list[int]:
-    """Give the number of items of every cell of a row; 1 where a cell is no list."""
+    """Return the number of items of every cell of a row; 1 for a cell that is no list."""
     marked = _LIST.sub(lambda cell: _replace(cell, lambda items, _: f"{_MARK}{max(len(items), 1)}"), line)
     return [int(cell.strip()[1:]) if cell.strip().startswith(_MARK) else 1 for cell in marked.split(delimiter)]
 
@@ -60,7 +60,7 @@ def _replace(cell: re.Match[str], write: Callable[[list[str], str], str]) -> str
 
 
 def squeeze_spaces(text: str) -> str:
-    """Leave one space between the columns of a table that is aligned by spaces, and none at the ends."""
+    """Return the text with single spaces between columns that were aligned by spaces, and none at the ends."""
     return re.sub(r"(?m)^[ ]+|[ ]+(?=\r?$)", "", re.sub(r"[ \t]+", " ", text))
 
 
@@ -84,7 +84,7 @@ class RewrittenText(MadeStream):
         self._at_end = False
 
     def read_part(self, size: int) -> bytes:
-        """Give the next bytes of the rewritten text."""
+        """Return the next bytes of the rewritten text."""
         while not self._ready and not self._at_end:
             self._read_more()
         part, self._ready = self._ready[:size], self._ready[size:]
@@ -94,6 +94,7 @@ class RewrittenText(MadeStream):
         part = self._file.read(_READ_BYTES)
         self._at_end = not part
         text = self._waiting + self._decode(part, final=self._at_end)
+        # Only whole lines are rewritten: a pattern must not be cut by the border of a block.
         end = len(text) if self._at_end else _whole_lines(text)
         if not end and len(text) > LARGEST_MESSAGE:
             raise RecordingError("A line of the file does not end, or a list in it is not closed.", title=TITLE)
@@ -109,7 +110,7 @@ class RewrittenText(MadeStream):
 
 
 def _whole_lines(text: str) -> int:
-    """Give the length of the lines that end, and in which every list is closed."""
+    """Return the length of the leading lines that end, and in which every list is closed."""
     end = len(text)
     for _ in range(_TRIES):
         end = text.rfind("\n", 0, end) + 1

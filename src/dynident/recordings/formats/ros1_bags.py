@@ -1,4 +1,4 @@
-"""Bags of ROS 1: their chunks unpack to no more than they are said to."""
+"""Bags of ROS 1: read by a package, whose chunks are bounded in what they may unpack to."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from dynident.recordings.formats.stored import KnownLength
 
 
 def ros1_messages(path: Path) -> Iterator[PackedMessage]:
-    """Give the messages that hold signals of joints, by their time."""
+    """Yield the messages that hold signals of joints, by their time."""
     with _reader(path) as reader:
-        wanted = [one for one in reader.connections if plain_type(one.msgtype) in KNOWN]
-        if not wanted:
+        connections = [candidate for candidate in reader.connections if plain_type(candidate.msgtype) in KNOWN]
+        if not connections:
             return
-        for connection, stamp, data in reader.messages(connections=wanted):
+        for connection, stamp, data in reader.messages(connections=connections):
             text = connection.msgdef.data
             yield PackedMessage(connection.topic, plain_type(connection.msgtype), text, stamp, bytes(data))
 
 
 class _BoundedPath:
-    """What the package opens in place of a path: a file that is not asked for more than it holds."""
+    """Stands in for a path: the package opens it and gets a file that is never asked for more than it holds."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -39,7 +39,7 @@ class _BoundedPath:
 
 
 def _reader(path: Path) -> Any:
-    """The package's reader, whose chunks stand in the file once each, and unpack within limits."""
+    """Return the package's reader, changed so that chunks stand in the file once each and unpack within limits."""
     from lz4.frame import decompress as decompress_lz4
     from rosbags.rosbag1 import Reader
 
@@ -50,6 +50,7 @@ def _reader(path: Path) -> Any:
     class BoundedReader(Reader):
         def read_chunk_info(self) -> Any:
             info = super().read_chunk_info()
+            # An index that names one large chunk many times would unpack it many times.
             if any(info.pos == other for other in positions):
                 raise ValueError(f"two chunks begin at byte {info.pos}")
             positions.add(info.pos)

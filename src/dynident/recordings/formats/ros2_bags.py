@@ -30,7 +30,7 @@ _NEEDED = {"topics": ("id", "name", "type"), "messages": ("topic_id", "timestamp
 
 
 def ros2_messages(path: Path) -> Iterator[PackedMessage]:
-    """Give the messages that hold signals of joints, by their time.
+    """Yield the messages that hold signals of joints, by their time.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def ros2_messages(path: Path) -> Iterator[PackedMessage]:
 
 
 class _Bag:
-    """The data base of a bag, opened for reading alone."""
+    """The data base of a bag, opened read-only."""
 
     def __init__(self, path: Path) -> None:
         self._size = path.stat().st_size
@@ -73,10 +73,11 @@ class _Bag:
         return list(chain.from_iterable(self._blocks(query, values)))
 
     def _blocks(self, query: str, values: tuple[object, ...] = ()) -> Iterator[list[tuple[Any, ...]]]:
-        """The rows of a query in blocks, as long as one after another comes."""
+        """Yield the rows of a query in blocks; a single wait of `_LONGEST_WAIT` ends it."""
         self._deadline = time.monotonic() + _LONGEST_WAIT
         cursor = self._base.execute(query, values)
         while rows := cursor.fetchmany(_ROWS_AT_ONCE):
+            # The clock stands still while the caller works on the rows.
             self._deadline = math.inf
             yield rows
             self._deadline = time.monotonic() + _LONGEST_WAIT
@@ -106,30 +107,32 @@ class _Bag:
         return tables
 
     def topics(self) -> dict[object, tuple[str, str]]:
-        """Name and type of the topics that hold signals of joints, by their keys."""
+        """Return name and type of the topics that hold signals of joints, by their keys."""
         rows = self._rows("SELECT id, name, type FROM topics")
         check_columns(len(rows))
         return {key: (str(name), str(kind)) for key, name, kind in rows if kind in KNOWN and isinstance(key, int)}
 
     def definitions(self) -> dict[str, str]:
-        """The texts that define types, where the bag has them."""
+        """Return the texts that define types, if the bag has them."""
         if "message_definitions" not in self._tables:
             return {}
         rows = self._rows("SELECT topic_type, encoded_message_definition FROM message_definitions")
         return {kind: text for kind, text in rows if isinstance(kind, str) and isinstance(text, str)}
 
     def messages(self, topics: list[object]) -> Iterator[tuple[Any, ...]]:
-        """Topic, time and data of the messages of some topics, by their time."""
+        """Yield topic, time and data of the messages of some topics, by their time."""
         every = self._rows_by_time(topics)
         for first in range(0, len(every), _ROWS_AT_ONCE):
             keys = every[first : first + _ROWS_AT_ONCE]
+            # By row numbers, which are found at once: sorting whole messages by time would need room for all of them
+            # on disk.
             query = f"SELECT topic_id, timestamp, data FROM messages WHERE rowid IN ({','.join('?' * len(keys))})"
             rows = self._rows(query, tuple(np.sort(keys).tolist()))
             # They come by their numbers.
             yield from (rows[place] for place in np.argsort(np.argsort(keys)).tolist())
 
     def _rows_by_time(self, topics: list[object]) -> IntArray:
-        """The numbers of the rows of some topics, by their time: sorted here, where it takes 16 bytes a row.
+        """Return the row numbers of the messages of some topics, by their time: sorted here, in 16 bytes a row.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""One recording in several files of text: signals in files of their own, joined by their times or row by row."""
+"""One recording in several text files, or in an archive of them: joined by their times or row by row."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Named = tuple[str, FileSource]
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A file, its column of time and what that is called, the others by what they are called, and its usual step."""
+    """One file: its column of time with that column's name, its other columns by their names, its usual step."""
 
     name: str
     source: FileSource
@@ -45,7 +45,7 @@ class _Part:
     step: float
 
     def blocks(self, columns: Sequence[str]) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Give times (m,), and values (m, c) of the columns by what they are called."""
+        """Yield times (m,), and values (m, c) of the named columns."""
         own = [self.columns[name] for name in columns]
         probe = self.time or (own or list(self.columns.values()))[0]
         first = 0
@@ -90,28 +90,29 @@ class JoinedFiles(FileSource):
         yield from self._read_at_times(columns) if self._by_time else self._read_rows(columns)
 
     def _wanted(self, columns: list[str]) -> list[tuple[_Part, list[str]]]:
-        """The files that are read, and which of their columns; that of the rows always."""
-        wanted = [(part, [name for name in columns if self._places.get(name) is part]) for part in self._parts]
-        return [(part, own) for part, own in wanted if own or part is self._main]
+        """Return the files that are read, with the requested columns of each; the main file always."""
+        columns_of = [(part, [name for name in columns if self._places.get(name) is part]) for part in self._parts]
+        return [(part, own) for part, own in columns_of if own or part is self._main]
 
     def _read_at_times(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        wanted = self._wanted(columns)
+        parts = self._wanted(columns)
         size = rows_of_block(len(columns))
-        join = TimeJoin({part.name: Series(own, part.step) for part, own in wanted}, self._main.name, size)
-        streams = {part.name: part.blocks(own) for part, own in wanted}
-        names = {part.name: own for part, own in wanted}
+        join = TimeJoin({part.name: Series(own, part.step) for part, own in parts}, self._main.name, size)
+        streams = {part.name: part.blocks(own) for part, own in parts}
+        names = {part.name: own for part, own in parts}
         latest = dict.fromkeys(streams, -np.inf)
         while streams:
+            # The file that is farthest behind is read next, so that little has to wait in memory.
             behind = min(streams, key=lambda name: latest[name])
             block = next(streams[behind], None)
             if block is None:
                 del streams[behind]
                 continue
             t, values = block
-            there = np.isfinite(t)
-            if there.any():
-                join.add(behind, t[there], names[behind], values[there])
-                latest[behind] = float(t[there][-1])
+            has_time = np.isfinite(t)
+            if has_time.any():
+                join.add(behind, t[has_time], names[behind], values[has_time])
+                latest[behind] = float(t[has_time][-1])
             if join.is_full:
                 yield from self._batch(join.rows(), names, columns)
         yield from self._batch(join.rows(last=True), names, columns)
@@ -125,9 +126,9 @@ class JoinedFiles(FileSource):
         yield batch_of(values, columns)
 
     def _read_rows(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        wanted = self._wanted(columns)
-        streams = [part.blocks(own) for part, own in wanted]
-        waiting = [(np.empty(0), np.empty((0, len(own)))) for _, own in wanted]
+        parts = self._wanted(columns)
+        streams = [part.blocks(own) for part, own in parts]
+        waiting = [(np.empty(0), np.empty((0, len(own)))) for _, own in parts]
         n_rows = 0
         while True:
             ended = []
@@ -137,16 +138,17 @@ class JoinedFiles(FileSource):
                 ended.append(not len(waiting[place][0]))
             if any(ended):
                 if not all(ended):
-                    short, long = wanted[ended.index(True)][0].name, wanted[ended.index(False)][0].name
+                    short, long = parts[ended.index(True)][0].name, parts[ended.index(False)][0].name
                     raise RecordingError(
                         f"{short} ends after {n_rows} rows, and {long} goes on: files without a time of their own are "
                         "joined row by row, and need as many rows each.",
                         title="Different lengths",
                     )
                 return
+            # Blocks of different files have different lengths: as many rows as all of them have.
             count = min(len(t) for t, _ in waiting)
             values: dict[str, FloatArray] = {}
-            for (part, own), (t, table) in zip(wanted, waiting, strict=True):
+            for (part, own), (t, table) in zip(parts, waiting, strict=True):
                 values |= {name: table[:count, place] for place, name in enumerate(own)}
                 if part is self._main and part.time is not None:
                     values[self._time] = t[:count]
@@ -156,7 +158,7 @@ class JoinedFiles(FileSource):
 
 
 def _parts(files: Sequence[Named]) -> list[_Part]:
-    """The files with the names of their columns, which are told apart by the files where they are called alike."""
+    """Return the files with unique column names: one that several files have gets the file's name in front."""
     own = [_own_names(name, source) for name, source in files]
     times = [next(filter(is_called_time, names), None) for names in own]
     called = [name for names, time in zip(own, times, strict=True) for name in names if name != time]
@@ -178,7 +180,7 @@ def _parts(files: Sequence[Named]) -> list[_Part]:
 
 
 def _own_names(file: str, source: FileSource) -> dict[str, str]:
-    """The file's columns by what they are called: where it has no line of names, after the file."""
+    """Return the file's columns by their names; a file without a line of names is called after itself."""
     if source.names != list(counted_names("column", len(source.names))):
         return {name: name for name in source.names}
     stem = PurePosixPath(file).stem
@@ -187,7 +189,7 @@ def _own_names(file: str, source: FileSource) -> dict[str, str]:
 
 
 def _step_of(source: FileSource, time: str | None) -> float:
-    """The usual step of a file's time."""
+    """Return the usual step of a file's time."""
     if time is None:
         return 0.0
     batch = next(iter(source.batches([time])), None)
@@ -198,7 +200,19 @@ def _step_of(source: FileSource, time: str | None) -> float:
 
 
 def joined_source(path: Path, paths: Sequence[Path], open_text: Callable[[TextContent], FileSource]) -> FileSource:
-    """Open the files of a recording, or those in an archive (.zip) where `path` is the only one.
+    """Open the files of a recording, or those in an archive (.zip) if `path` is the only one.
+
+    Parameters
+    ----------
+    path : path
+    paths : sequence of path
+        The files that `path` names.
+    open_text : function
+        Opens one of them.
+
+    Returns
+    -------
+    FileSource
 
     Raises
     ------
@@ -206,7 +220,7 @@ def joined_source(path: Path, paths: Sequence[Path], open_text: Callable[[TextCo
         For files that are no text, or cannot be joined.
     """
     if len(paths) > 1:
-        return JoinedFiles([(one.name, open_text(TextContent(one))) for one in paths])
+        return JoinedFiles([(file.name, open_text(TextContent(file))) for file in paths])
     try:
         members = _members(path)
     except RecordingError:
@@ -218,7 +232,7 @@ def joined_source(path: Path, paths: Sequence[Path], open_text: Callable[[TextCo
 
 
 def has_arrays(path: Path) -> bool:
-    """Whether an archive is NumPy's; true of one that is damaged, too, which its reader says."""
+    """Return whether an archive is NumPy's; True for a damaged one as well, so that its reader reports it."""
     try:
         with ZipFile(path) as archive:
             names = archive.namelist()
@@ -252,7 +266,7 @@ def _opener(path: Path, name: str) -> Callable[[], IO[bytes]]:
 
 
 class _Member(MadeStream):
-    """A file in an archive; no more is unpacked of it than the archive says."""
+    """A file in an archive; no more of it is unpacked than the archive says."""
 
     def __init__(self, path: Path, name: str) -> None:
         super().__init__()

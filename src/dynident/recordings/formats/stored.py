@@ -21,7 +21,7 @@ _AT_ONCE = 2**20
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where an array lies: in which file, from which byte on, how its numbers are stored, and which axis runs first."""
+    """Where an array lies: the file, the first byte, how numbers are stored, and which axis runs first."""
 
     file: IO[bytes]
     start: int
@@ -31,11 +31,11 @@ class Place:
 
     @property
     def end(self) -> int:
-        """The first byte behind it."""
+        """The first byte behind the array."""
         return self.start + self.kind.itemsize * math.prod(self.shape)
 
     def array(self, name: str, field: str | None = None) -> StoredArray:
-        """Give it a name; `field` is one of its records', if it holds some."""
+        """Return the array under a name; `field` is one of its records', if it holds some."""
         inner = () if field is None else self.kind[field].shape
         shape = (*self.shape, *inner)
 
@@ -50,9 +50,10 @@ class Place:
         return StoredArray(name, shape, read)
 
     def _rows(self, first: int, last: int, axis: int) -> np.ndarray[Any, Any]:
-        """The part from `first` to `last` along an axis, which becomes the first one."""
+        """Return the part from `first` to `last` along an axis, which becomes the first axis."""
         lines = self.shape[::-1] if self.by_columns else self.shape
         width = math.prod(lines[1:])
+        # Along the slow axis the rows are contiguous; along the other one each line is read in a piece of its own.
         if axis == (len(self.shape) - 1 if self.by_columns else 0):
             return self._numbers(first * width, (last - first) * width).reshape(last - first, *lines[1:])
         return np.stack([self._numbers(line * width + first, last - first) for line in range(lines[0])], axis=1)
@@ -63,7 +64,7 @@ class Place:
 
 
 class KnownLength:
-    """A file that is never asked for more bytes than it has left: Python sets memory aside for all that are asked for.
+    """A file that is never asked for more bytes than it has left: Python would allocate whatever is requested.
 
     Parameters
     ----------
@@ -75,9 +76,9 @@ class KnownLength:
         self.size = os.fstat(file.fileno()).st_size
 
     def read(self, size: int = -1) -> bytes:
-        """Read at most so many bytes; all that are left where `size` is negative."""
-        left = max(self.size - self._file.tell(), 0)
-        return self._file.read(left if size < 0 else min(size, left))
+        """Read at most so many bytes; all that are left if `size` is negative."""
+        n_left = max(self.size - self._file.tell(), 0)
+        return self._file.read(n_left if size < 0 else min(size, n_left))
 
     def readline(self, size: int = -1) -> bytes:
         """Read a line."""
@@ -88,15 +89,15 @@ class KnownLength:
         return self._file.seek(offset, whence)
 
     def tell(self) -> int:
-        """The byte that is read next."""
+        """Return the position of the next byte."""
         return self._file.tell()
 
     def seekable(self) -> bool:
-        """Whether `seek` works."""
+        """Return True."""
         return True
 
     def fileno(self) -> int:
-        """The number of the open file."""
+        """Return the number of the open file."""
         return self._file.fileno()
 
     def close(self) -> None:
@@ -105,7 +106,7 @@ class KnownLength:
 
 
 class UnpackedFile:
-    """What a file holds compressed, one behind another in a file without a name, where it can be read in parts.
+    """The decompressed parts of a file, one behind another in a temporary file, where parts of them can be read.
 
     Parameters
     ----------
@@ -140,11 +141,11 @@ class UnpackedFile:
         int, int
             Its first byte, and the first one behind it.
         """
-        start, left = self.file.seek(0, 2), size
-        while left and (part := read(min(_AT_ONCE, left))):
-            left -= len(part)
+        start, n_left = self.file.seek(0, 2), size
+        while n_left and (part := read(min(_AT_ONCE, n_left))):
+            n_left -= len(part)
             self.file.write(part)
-        if left:
+        if n_left:
             raise ValueError("a compressed part ends too early")
         self.file.flush()
         return start, start + size

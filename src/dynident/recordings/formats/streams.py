@@ -1,4 +1,4 @@
-"""Binary streams whose bytes are made as they are read."""
+"""Binary streams whose bytes are produced while they are read."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ if TYPE_CHECKING:
 
 
 class MadeStream(io.RawIOBase):
-    """A stream for reading; a subclass makes the next bytes."""
+    """A readable stream; a subclass produces the next bytes."""
 
     @abstractmethod
     def read_part(self, size: int) -> bytes:
-        """Give the next bytes, at most `size`; none at the end."""
+        """Return the next bytes, at most `size`; none at the end."""
 
     def readable(self) -> bool:
-        """Whether it can be read."""
+        """Return True."""
         return True
 
     def readinto(self, buffer: WriteableBuffer, /) -> int:
-        """Put the next bytes into a buffer; returns how many."""
+        """Put the next bytes into a buffer; return how many."""
         view = memoryview(buffer)
         part = self.read_part(len(view))
         view[: len(part)] = part

@@ -32,7 +32,7 @@ _NULLS = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "null", "NULL", "None", 
 
 
 class ParquetFileSource(FileSource):
-    """A Parquet file of the user's."""
+    """A user's Parquet file."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -58,16 +58,19 @@ class ParquetFileSource(FileSource):
 
 
 def _has_nulls(metadata: pq.FileMetaData) -> bool:
-    """Whether the first rows have empty cells, as far as the file says."""
+    """Return whether the first rows have empty cells, as far as the file's statistics say."""
     if not metadata.num_row_groups:
         return False
     group = metadata.row_group(0)
-    known = (group.column(k).statistics for k in range(group.num_columns))
-    return any(one is not None and one.has_null_count and bool(one.null_count) for one in known)
+    all_statistics = (group.column(k).statistics for k in range(group.num_columns))
+    return any(
+        statistics is not None and statistics.has_null_count and bool(statistics.null_count)
+        for statistics in all_statistics
+    )
 
 
 def _check_parquet(metadata: pq.FileMetaData, size: int) -> None:
-    """Refuse what is said to be many times larger than its file: in bytes, or in values, which may be repeated."""
+    """Refuse a file that is said to hold many times its size: in bytes, or in values, which may be repeated."""
     check_columns(metadata.num_columns)
     groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
     check_unpacked(sum(group.total_byte_size for group in groups), size)
@@ -76,7 +79,7 @@ def _check_parquet(metadata: pq.FileMetaData, size: int) -> None:
 
 
 class CsvFileSource(FileSource):
-    """A CSV file of the user's: comma, semicolon, tab or bar between columns; point or comma in numbers."""
+    """A user's CSV file: comma, semicolon, tab or bar between columns; point or comma in numbers."""
 
     def __init__(self, content: TextContent) -> None:
         self._content = content
@@ -88,23 +91,24 @@ class CsvFileSource(FileSource):
         self._worded: set[str] = set()
 
     def _opened(self) -> str | IO[bytes]:
-        """What pyarrow reads: the file where its lines are plain, which is fastest."""
+        """Return what pyarrow reads: the path if its lines are plain, which is fastest, else a stream."""
         dialect, plain = self._dialect, self._content.plain_path
         if dialect.rewrite or dialect.encoding != "utf-8":
             return io.BufferedReader(RewrittenText(self._content.open(), dialect.rewrite, dialect.encoding))
         return self._content.open() if plain is None else str(plain)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        # Rows given before a word was found are skipped when the file is read again.
         n_given = 0
         while True:
             try:
                 n_skipped = n_given
                 for batch in self._parsed(columns):
-                    rest = batch.slice(min(n_skipped, batch.num_rows))
-                    n_skipped -= batch.num_rows - rest.num_rows
-                    if rest.num_rows:
-                        n_given += rest.num_rows
-                        yield rest
+                    new = batch.slice(min(n_skipped, batch.num_rows))
+                    n_skipped -= batch.num_rows - new.num_rows
+                    if new.num_rows:
+                        n_given += new.num_rows
+                        yield new
                 return
             except pa.ArrowInvalid as error:
                 column = _column_of_words(str(error), self._dialect)
@@ -137,7 +141,7 @@ class CsvFileSource(FileSource):
                 yield self._with_numbers(batch) if self._worded.intersection(columns) else batch
 
     def _with_numbers(self, batch: pa.RecordBatch) -> pa.RecordBatch:
-        """Give the numbers of columns with words; what is none is missing."""
+        """Return the batch with numbers in columns with words; a word is a missing value."""
         arrays = []
         for name, column in zip(batch.schema.names, batch.columns, strict=True):
             if name in self._worded:
@@ -147,7 +151,7 @@ class CsvFileSource(FileSource):
 
 
 def _column_of_words(message: str, dialect: Dialect) -> str | None:
-    """Give the column in which pyarrow found something else than a number; None where something else is wrong."""
+    """Return the column in which pyarrow found something else than a number; None for any other error."""
     column = re.search(r"CSV column #(\d+)", message)
     if column is None or "invalid value" not in message:
         return None
@@ -155,17 +159,17 @@ def _column_of_words(message: str, dialect: Dialect) -> str | None:
 
 
 def _csv_error(message: str, dialect: Dialect) -> RecordingError:
-    """Say what pyarrow found in the user's terms: the column by name, the row of data."""
+    """Return pyarrow's error in the user's terms: the column by name, the row of data."""
     row = re.search(r"Row #(\d+)", message)
     column = re.search(r"CSV column #(\d+)", message)
     number = int(row.group(1)) - dialect.lines_before_data if row else None
     name = dialect.names[int(column.group(1))] if column else ""
-    found = re.search(r"invalid value '(.*)'", message)
+    value = re.search(r"invalid value '(.*)'", message)
     where = (f" in column {name}" if name else "") + (f", row {number}" if number else "")
-    if found:
-        detail = f"{found.group(1)!r}{where} is not a number."
-        if "," in found.group(1) and dialect.delimiter == ",":
+    if value:
+        detail = f"{value.group(1)!r}{where} is not a number."
+        if "," in value.group(1) and dialect.delimiter == ",":
             detail += " With decimal commas, separate the columns by semicolons."
     else:
         detail = f"The file cannot be read as CSV{where}: {message.split(': ', 1)[-1]}"
-    return RecordingError(detail, pointer=name, title="Not a number" if found else "Unreadable file", row=number)
+    return RecordingError(detail, pointer=name, title="Not a number" if value else "Unreadable file", row=number)

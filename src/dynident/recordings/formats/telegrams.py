@@ -1,4 +1,4 @@
-"""Telegrams of KUKA's RobotSensorInterface as they came: `<Rob …>…</Rob>`, each in a line or in several.
+"""Logs of KUKA's RobotSensorInterface (RSI): telegrams `<Rob …>…</Rob>`, each in a line or in several.
 
 Attributes are columns (`AIPos.A1`), and so are elements that hold a number (`IPOC`). Whatever stands between the
 telegrams, stamps of a logger or the answers `<Sen …>`, is passed over.
@@ -53,8 +53,8 @@ class TelegramSource(FileSource):
         rows: list[list[float]] = []
         most = min(_BLOCK_ROWS, rows_of_block(len(columns)))
         for number, telegram in enumerate(_telegrams(self._path)):
-            found = _numbers(telegram, number)
-            rows.append([found.get(name, np.nan) for name in columns])
+            values = _numbers(telegram, number)
+            rows.append([values.get(name, np.nan) for name in columns])
             if len(rows) == most:
                 yield _batch(rows, columns)
                 rows = []
@@ -68,7 +68,7 @@ def _batch(rows: list[list[float]], columns: list[str]) -> pa.RecordBatch:
 
 
 def _telegrams(path: Path) -> Iterator[bytes]:
-    """The telegrams one by one, of a file of any size; one that is cut off at the end is none."""
+    """Yield the telegrams of a file of any size one by one; one that the end cuts off is left out."""
     waiting = b""
     with path.open("rb") as file:
         while part := file.read(_READ_BYTES):
@@ -78,6 +78,7 @@ def _telegrams(path: Path) -> Iterator[bytes]:
                 begins = text.rfind(_BEGIN)
                 if START.match(text, max(begins, 0)):
                     yield text[begins:] + _END
+            # A file without any end of a telegram must not fill the memory.
             waiting = waiting[-_LONGEST_BYTES:]
 
 
@@ -86,16 +87,16 @@ def _numbers(telegram: bytes, number: int) -> dict[str, float]:
         root = ElementTree.fromstring(telegram)
     except ElementTree.ParseError as error:
         raise RecordingError(f"Telegram {number + 1} is no XML: {error}.", title=TITLE, row=number + 1) from error
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for element in root.iter():
         texts = {f"{element.tag}.{key}": text for key, text in element.attrib.items()}
         texts[element.tag] = element.text or ""
         for name, text in texts.items():
             try:
-                found.setdefault(name, float(text))
+                values.setdefault(name, float(text))
             except ValueError:
                 continue
-    return found
+    return values
 
 
 def telegram_source(path: Path) -> TelegramSource:

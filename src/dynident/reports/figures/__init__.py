@@ -1,1 +1,1 @@
-"""Figures of a report, each a function from results to one inline SVG."""
+"""The figures of reports: each function draws results as one inline SVG."""

@@ -1,4 +1,4 @@
-"""What has changed in a robot: every difference with its interval."""
+"""The changes of a robot: every difference with its interval."""
 
 from __future__ import annotations
 
@@ -17,11 +17,22 @@ _ROOM = 0.15
 
 
 def changes_figure(changes: Sequence[Change]) -> Markup:
-    """One row a change, at least one, each on an axis of its own unit: the difference and where it lies by 95 %."""
+    """Draw every change with its 95 % interval, each on an axis of its own unit.
+
+    Parameters
+    ----------
+    changes : sequence of Change
+        At least one.
+
+    Returns
+    -------
+    Markup
+        An inline SVG.
+    """
     figure, grid = panels(len(changes), 1, _ROW, margins=Margins(left=0.3, right=0.3, bottom=0.3))
     for [axes], change in zip(grid, changes, strict=True):
         _row(axes, change)
-    words = [f"{_title(one)} {number(one.main.value)} {_unit(one)}" for one in changes]
+    words = [f"{_title(change)} {number(change.main.value)} {_unit(change)}" for change in changes]
     return to_svg(figure, f"Differences since the baseline with their intervals of 95 %. {'; '.join(words)}.")
 
 
@@ -30,6 +41,7 @@ def _row(axes: Axes, change: Change) -> None:
     axes.barh(0.0, high - low, left=low, height=0.5, color=BAND, alpha=0.5, linewidth=0)
     axes.plot([value], [0.0], marker="o", color=PREDICTED, markersize=6, linewidth=0)
     axes.axvline(0.0, color="#4d4d4d", linewidth=0.9)
+    # Zero belongs to the axis: whether the interval covers it decides whether there is a change at all.
     span = (0.0, value, low, high)
     room = _ROOM * (max(span) - min(span) or 1.0)
     axes.set_xlim(min(span) - room, max(span) + room)

@@ -1,4 +1,4 @@
-"""Parameters day by day, with their intervals, and the days from which they differ."""
+"""Parameters day by day with their intervals, and the days on which they change."""
 
 from __future__ import annotations
 
@@ -14,32 +14,45 @@ from dynident.effects import EffectChoice, effect_by_id
 from dynident.reports.figures.svg import MEASURED, PREDICTED, Margins, panel_title, panels, to_svg
 
 _FEW = 2
-"""Parameters of an effect on a joint that are all drawn."""
+"""Effects with at most so many parameters a joint are drawn with all of them."""
 
 
-def courses_figure(found: Series) -> Markup:
-    """A row for each parameter of a joint that may vary, a column for each joint; what changed in colour.
+def courses_figure(series: Series) -> Markup:
+    """Draw the parameters that may vary: a row for each parameter, a column for each joint, changes in colour.
 
-    Of an effect with many parameters, a mass, that one is drawn which says how large it is.
+    Of an effect with more parameters, such as a mass, only the one is drawn that states how large the change is.
+
+    Parameters
+    ----------
+    series : Series
+        The parameters of all days and their changes.
+
+    Returns
+    -------
+    Markup
+        An inline SVG; empty where no parameter may vary.
     """
-    told = {one.change.main.parameter for one in found.changes}
-    varying = [course for course in found.courses if course.joint and course.varies]
-    drawn = [course for course in varying if _is_small(course.effect) or course.parameter in told]
+    main_parameters = {change.change.main.parameter for change in series.changes}
+    varying = [course for course in series.courses if course.joint and course.varies]
+    drawn = [course for course in varying if _is_small(course.effect) or course.parameter in main_parameters]
     rows = list(dict.fromkeys(_kind(course) for course in drawn))
     joints = list(dict.fromkeys(course.joint for course in drawn))
     if not drawn:
         return Markup("")
     figure, grid = panels(len(rows), len(joints), 1.5, margins=Margins(left=0.55, bottom=0.62), gap=0.42)
+    # Not every joint has every parameter. Panels without one stay invisible.
     for axes in chain.from_iterable(grid):
         axes.set_visible(False)
     for course in drawn:
         axes = grid[rows.index(_kind(course))][joints.index(course.joint)]
         axes.set_visible(True)
-        _draw(axes, course, [one.since for one in found.changes if _is_of(course, one.change.choice)])
+        _draw(axes, course, [change.since for change in series.changes if _is_of(course, change.change.choice)])
     for k in range(len(joints)):
-        shown = [row[k] for row in grid if row[k].get_visible()]
-        _name_days(shown[-1], found.days)
-    return to_svg(figure, f"{len(drawn)} parameters over {len(found.days)} days, with 95 % intervals. {found.summary}")
+        visible = [row[k] for row in grid if row[k].get_visible()]
+        _name_days(visible[-1], series.days)
+    return to_svg(
+        figure, f"{len(drawn)} parameters over {len(series.days)} days, with 95 % intervals. {series.summary}"
+    )
 
 
 def _is_small(effect: str) -> bool:
@@ -47,6 +60,7 @@ def _is_small(effect: str) -> bool:
 
 
 def _kind(course: Course) -> tuple[str, str]:
+    """Return effect and parameter without the joint's number, by which parameters share a row."""
     return course.effect, course.parameter.rstrip("0123456789")
 
 
@@ -56,14 +70,16 @@ def _is_of(course: Course, choice: EffectChoice) -> bool:
 
 def _draw(axes: Axes, course: Course, since: Sequence[int]) -> None:
     days = np.arange(len(course.values))
-    there = np.isfinite(course.values)
+    # A day whose motion does not determine the parameter has no value.
+    determined = np.isfinite(course.values)
     later = days >= min(since, default=len(days))
-    for chosen, colour in ((there & ~later, MEASURED), (there & later, PREDICTED)):
-        if chosen.any():
-            half = course.values[chosen] - course.intervals[chosen, 0]
+    for subset, colour in ((determined & ~later, MEASURED), (determined & later, PREDICTED)):
+        if subset.any():
+            half = course.values[subset] - course.intervals[subset, 0]
             axes.errorbar(
-                days[chosen], course.values[chosen], half, fmt="o", markersize=3, linewidth=1, color=colour, capsize=0
+                days[subset], course.values[subset], half, fmt="o", markersize=3, linewidth=1, color=colour, capsize=0
             )
+    # The line stands between the last day before the change and the first day after it.
     for day in since:
         axes.axvline(day - 0.5, color=PREDICTED, linewidth=0.9, linestyle=(0, (4, 3)))
     axes.set_xlim(-0.6, len(days) - 0.4)
@@ -73,7 +89,7 @@ def _draw(axes: Axes, course: Course, since: Sequence[int]) -> None:
 
 
 def _name_days(axes: Axes, names: Sequence[str]) -> None:
-    """Names under the last panel of a column, as many as there is room for."""
+    """Write names of days under the last panel of a column, as many as there is room for."""
     every = max(1, -(-len(names) // 5))
     labels = [name[-10:] if k % every == 0 else "" for k, name in enumerate(names)]
     axes.set_xticks(range(len(names)), labels, rotation=40, ha="right", fontsize=7)

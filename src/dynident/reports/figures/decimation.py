@@ -1,4 +1,4 @@
-"""Long series for figures: few points, all extremes, and gaps where nothing was measured."""
+"""Decimation of long series for figures: few points, all extremes, and gaps where nothing was measured."""
 
 from __future__ import annotations
 
@@ -11,16 +11,24 @@ from numpy.typing import NDArray
 from dynident.arrays import BoolArray, FloatArray
 from dynident.diagnosis import Comparison
 
+# A step in time above so many usual steps is a gap, in which no line is drawn.
 _GAP = 1.5
+# Between segments that are set one after another, a share of the whole time.
 _PAUSE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class TimeAxis:
-    """Where the samples of a comparison stand on paper.
+    """The positions of a comparison's samples on the time axis of a figure.
 
-    `t` (m,) increases all along: runs that overlap in time are set one after another (`shifted`). `stretches` are the
-    slices without a gap.
+    Attributes
+    ----------
+    t : (m,) array
+        Increases throughout: segments that overlap in time are set one after another.
+    stretches : tuple of slice
+        Samples without a gap between them.
+    shifted : bool
+        True where segments were set one after another.
     """
 
     t: FloatArray
@@ -29,11 +37,21 @@ class TimeAxis:
 
     @property
     def label(self) -> str:
-        """What to write at the axis."""
+        """The text at the axis."""
         return "time, runs one after another (s)" if self.shifted else "time (s)"
 
     def only(self, rows: BoolArray) -> TimeAxis:
-        """The same with its stretches cut to those of the rows (m,) that are wanted."""
+        """Return the axis with its stretches cut down to some of the rows.
+
+        Parameters
+        ----------
+        rows : (m,) array of bool
+
+        Returns
+        -------
+        TimeAxis
+        """
+        # The stretches are cut wherever `rows` changes; each piece then is wanted, or not, as a whole.
         changes = np.flatnonzero(np.diff(rows)) + 1
         pieces: list[slice] = []
         for part in self.stretches:
@@ -43,56 +61,101 @@ class TimeAxis:
 
 
 def time_axis(comparison: Comparison) -> TimeAxis:
-    """The axis of a comparison's samples."""
+    """Return the time axis of a comparison's samples.
+
+    Parameters
+    ----------
+    comparison : Comparison
+
+    Returns
+    -------
+    TimeAxis
+    """
     t = comparison.t.copy()
     steps = np.diff(t)
+    # Decimated segments may differ in their step; the median step within segments is the usual one.
     forward = steps[(steps > 0) & (np.diff(comparison.segment) == 0)]
-    usual = float(np.median(forward)) if len(forward) else 0.0
-    broken = (np.diff(comparison.segment) != 0) | (steps <= 0) | (steps > _GAP * usual)
+    usual_step = float(np.median(forward)) if len(forward) else 0.0
+    broken = (np.diff(comparison.segment) != 0) | (steps <= 0) | (steps > _GAP * usual_step)
     borders = [0, *(np.flatnonzero(broken) + 1).tolist(), len(t)]
     stretches = tuple(slice(first, last) for first, last in pairwise(borders) if last > first)
     shifted = False
     pause = _PAUSE * sum(float(t[part][-1] - t[part][0]) for part in stretches)
     for before, after in pairwise(stretches):
+        # Only what would lie on top of the stretch before it is moved, together with all that follows.
         if t[after.start] <= t[before.stop - 1]:
-            t[after.start :] += t[before.stop - 1] + max(pause, usual) - t[after.start]
+            t[after.start :] += t[before.stop - 1] + max(pause, usual_step) - t[after.start]
             shifted = True
     return TimeAxis(t, stretches, shifted)
 
 
 def thinned(axis: TimeAxis, values: FloatArray, points: int) -> tuple[FloatArray, FloatArray]:
-    """About `points` of the series (m,), with the extremes of every part of it, and NaN between stretches.
+    """Thin out a series to some points, with the extremes of every part of it and NaN between stretches.
+
+    Parameters
+    ----------
+    axis : TimeAxis
+    values : (m,) array
+    points : int
+        About how many remain.
 
     Returns
     -------
     t, values : arrays of the same length
     """
-    t, found = thinned_together(axis, points, values)
-    return t, found
+    t, thin_values = thinned_together(axis, points, values)
+    return t, thin_values
 
 
 def thinned_together(axis: TimeAxis, points: int, *series: FloatArray) -> tuple[FloatArray, ...]:
-    """The same of several series (m,) at common times, with the extremes of each."""
+    """Thin out several series at common times, with the extremes of each.
+
+    Parameters
+    ----------
+    axis : TimeAxis
+    points : int
+        About how many remain of each series.
+    series : (m,) arrays
+
+    Returns
+    -------
+    tuple of arrays
+        The times, then each series, all of the same length.
+    """
     total = len(axis.t)
     parts: list[list[FloatArray]] = [[] for _ in range(len(series) + 1)]
     for part in axis.stretches:
         length = part.stop - part.start
         bins = max(1, round(0.5 * points * length / total))
-        kept = part.start + np.unique(np.concatenate([extremes(values[part], bins) for values in series]))
+        rows = part.start + np.unique(np.concatenate([extremes(values[part], bins) for values in series]))
         for k, values in enumerate((axis.t, *series)):
+            # A NaN breaks the line between stretches; its time has to be a number.
             if parts[k]:
-                parts[k].append(axis.t[kept[:1]] if k == 0 else np.array([np.nan]))
-            parts[k].append(values[kept])
+                parts[k].append(axis.t[rows[:1]] if k == 0 else np.array([np.nan]))
+            parts[k].append(values[rows])
     return tuple(np.concatenate(part) if part else np.empty(0) for part in parts)
 
 
 def extremes(values: FloatArray, bins: int) -> NDArray[np.intp]:
-    """Indices, ascending, of the first and last value and of the least and largest of each of `bins` equal parts."""
+    """Return the indices of the first, last, least and largest values of equal parts of a series.
+
+    Parameters
+    ----------
+    values : (m,) array
+    bins : int
+        Number of parts.
+
+    Returns
+    -------
+    (k,) array of int
+        Ascending; the first and the last of the series, and the least and the largest of every part.
+    """
     m = len(values)
     if m <= 2 * bins + 2:
         return np.arange(m)
     size = -(-m // bins)
+    # Repeating the last value fills the last part without a new extreme.
     padded = np.concatenate([values, np.full(size * bins - m, values[-1])]).reshape(bins, size)
     first = np.arange(bins) * size
-    found = np.concatenate([[0, m - 1], first + padded.argmin(axis=1), first + padded.argmax(axis=1)])
-    return np.unique(np.minimum(found, m - 1))
+    indices = np.concatenate([[0, m - 1], first + padded.argmin(axis=1), first + padded.argmax(axis=1)])
+    return np.unique(np.minimum(indices, m - 1))

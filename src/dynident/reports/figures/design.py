@@ -1,4 +1,4 @@
-"""A designed trajectory: joints within their limits, how they cover speed and place, and where the tool goes."""
+"""A designed trajectory: joints within their limits, velocity over position, and the path of the tool."""
 
 from __future__ import annotations
 
@@ -25,9 +25,20 @@ _LIMIT: dict[str, Any] = {"color": "#4d4d4d", "linewidth": 0.7, "linestyle": (0,
 
 
 def design_figure(design: Design, robot: Robot) -> Markup:
-    """Positions, velocities and accelerations as shares of their limits; speed over place; the tool from two sides.
+    """Draw a designed trajectory.
 
-    The exciting part is white in the upper row, and alone in the lower one.
+    The upper row has positions, velocities and accelerations as shares of their limits, with the exciting part on
+    white. The lower row shows the exciting part alone: velocity over position, and the path of the tool from two sides.
+
+    Parameters
+    ----------
+    design : Design
+    robot : Robot
+
+    Returns
+    -------
+    Markup
+        An inline SVG.
     """
     figure, grid = panels(2, 3, 2.4, margins=Margins(top=0.1, bottom=0.75), gap=0.5)
     position, velocity, acceleration = _shares(design)
@@ -36,9 +47,9 @@ def design_figure(design: Design, robot: Robot) -> Markup:
     ):
         _over_time(axes, design, values)
         panel_title(axes, f"{name}, share of limit, over time (s)")
-    taken = _taken(_inside(design))
-    _phases(grid[1][0], _parted(position[taken], taken), _parted(velocity[taken], taken))
-    _tool(grid[1][1], grid[1][2], _parted(tool_path(robot, design.q[taken]), taken))
+    drawn_rows = _taken(_inside(design))
+    _phases(grid[1][0], _parted(position[drawn_rows], drawn_rows), _parted(velocity[drawn_rows], drawn_rows))
+    _tool(grid[1][1], grid[1][2], _parted(tool_path(robot, design.q[drawn_rows]), drawn_rows))
     legend = figure.legend(
         grid[0][0].get_lines()[: len(design.joint_names)],
         [shortened(name) for name in design.joint_names],
@@ -49,6 +60,7 @@ def design_figure(design: Design, robot: Robot) -> Markup:
         borderaxespad=0.1,
     )
     for text in legend.get_texts():
+        # A "$" in a joint's name is not the beginning of a formula.
         text.set_parse_math(False)
     return to_svg(
         figure,
@@ -60,7 +72,7 @@ def design_figure(design: Design, robot: Robot) -> Markup:
 
 
 def _shares(design: Design) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """q, q̇, q̈ (N, n) as shares of the limits they were designed for: ±1 touches one."""
+    """Return q, q̇ and q̈ (N, n) as shares of the limits of the design: ±1 touches a limit."""
     bound = {(margin.joint, margin.limit): margin.bound for margin in design.margins}
     low, high, velocity, acceleration = (
         np.array([bound[name, limit] for name in design.joint_names])
@@ -71,7 +83,7 @@ def _shares(design: Design) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _inside(design: Design) -> NDArray[np.bool_]:
-    """Which samples (N,) belong to the exciting part, or to a run of a set."""
+    """Return which samples (N,) belong to the exciting part, or to a test motion of a set."""
     if design.runs:
         return design.segments > 0
     first, last = design.exciting
@@ -80,17 +92,17 @@ def _inside(design: Design) -> NDArray[np.bool_]:
 
 
 def _taken(inside: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Samples to draw: evenly from the exciting part."""
+    """Return the indices of the samples to draw, spread evenly over the exciting part."""
     every = max(1, int(inside.sum()) // _PATH_POINTS)
     return np.flatnonzero(inside)[::every]
 
 
-def _parted(values: FloatArray, taken: NDArray[np.intp]) -> FloatArray:
-    """Values (m, c) at samples, with a gap wherever samples are left out between them."""
-    gaps = np.diff(taken)
+def _parted(values: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
+    """Return values (m, c) with a row of NaN wherever samples were left out between two of them."""
+    gaps = np.diff(rows)
     ends = 1 + np.flatnonzero(gaps > 1.5 * np.median(gaps))
-    made: FloatArray = np.insert(values, ends, np.nan, axis=0)
-    return made
+    with_gaps: FloatArray = np.insert(values, ends, np.nan, axis=0)
+    return with_gaps
 
 
 def _line(joint: int) -> dict[str, Any]:
@@ -99,9 +111,10 @@ def _line(joint: int) -> dict[str, Any]:
 
 def _over_time(axes: Axes, design: Design, values: FloatArray) -> None:
     for joint, name in enumerate(design.joint_names):
-        kept = extremes(np.ascontiguousarray(values[:, joint]), _POINTS // 2)
-        axes.plot(design.t[kept], values[kept, joint], linewidth=1.0, label=name, **_line(joint))
+        rows = extremes(np.ascontiguousarray(values[:, joint]), _POINTS // 2)
+        axes.plot(design.t[rows], values[rows, joint], linewidth=1.0, label=name, **_line(joint))
     inside = _inside(design)
+    # The True at both ends makes edges come in pairs: the start and the end of every part that does not excite.
     edges = np.flatnonzero(np.diff(np.concatenate([[True], inside, [True]]).astype(int)))
     for start, end in zip(edges[::2], edges[1::2], strict=True):
         axes.axvspan(
@@ -114,7 +127,7 @@ def _over_time(axes: Axes, design: Design, values: FloatArray) -> None:
 
 
 def _phases(axes: Axes, position: FloatArray, velocity: FloatArray) -> None:
-    """Velocity over position: what is not covered is where friction and gravity are guessed."""
+    """Draw velocity over position: where no curve passes, friction and gravity are only extrapolated."""
     for joint in range(position.shape[1]):
         axes.plot(position[:, joint], velocity[:, joint], linewidth=0.6, alpha=0.8, **_line(joint))
     axes.plot([-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1], **_LIMIT)
@@ -124,10 +137,10 @@ def _phases(axes: Axes, position: FloatArray, velocity: FloatArray) -> None:
     panel_title(axes, "velocity over position")
 
 
-def _tool(above: Axes, beside: Axes, path: FloatArray) -> None:
-    """Where the origin of the last joint's frame goes in the base frame, (m, 3)."""
-    for axes, across, title, label in ((above, 1, "tool from above (m)", "x, upward y"),
-                                       (beside, 2, "tool from the side (m)", "x, upward z")):  # fmt: skip
+def _tool(from_above: Axes, from_side: Axes, path: FloatArray) -> None:
+    """Draw the path (m, 3) of the last joint's origin in the base frame."""
+    for axes, across, title, label in ((from_above, 1, "tool from above (m)", "x, upward y"),
+                                       (from_side, 2, "tool from the side (m)", "x, upward z")):  # fmt: skip
         axes.plot(path[:, 0], path[:, across], color=_COLOURS[0], linewidth=0.7)
         axes.plot(0.0, 0.0, "+", color="#4d4d4d", markersize=7)
         axes.set_aspect("equal", adjustable="datalim")

@@ -1,4 +1,4 @@
-"""The figure behind a ranked effect: the residual over what the effect depends on, and what the effect explains."""
+"""The evidence for a candidate: the residual over the variable it depends on, and what the effect explains of it."""
 
 from __future__ import annotations
 
@@ -18,39 +18,53 @@ _ROW, _LABELLED = 2.1, 0.44
 _ACROSS = 2
 
 
-def evidence_figure(shown: Sequence[Evidence], robot: Robot) -> Markup:
-    """One panel an effect and joint, two in a row; at least one has to be given."""
-    columns = min(_ACROSS, len(shown))
-    rows = -(-len(shown) // columns)
+def evidence_figure(panel_data: Sequence[Evidence], robot: Robot) -> Markup:
+    """Draw the evidence for effects, one panel for each effect and joint.
+
+    Parameters
+    ----------
+    panel_data : sequence of Evidence
+        At least one.
+    robot : Robot
+
+    Returns
+    -------
+    Markup
+        An inline SVG.
+    """
+    columns = min(_ACROSS, len(panel_data))
+    rows = -(-len(panel_data) // columns)
     figure, grid = panels(rows, columns, _ROW + (0.25 if rows > 1 else 0.0), below=_LABELLED)
-    every = list(chain.from_iterable(grid))
-    for axes, one in zip(every, shown, strict=False):
-        _panel(axes, one, robot.tree.joints[robot.tree.joint_names.index(one.joint)].effort_unit)
-    for axes in every[len(shown) :]:
+    all_axes = list(chain.from_iterable(grid))
+    for axes, evidence in zip(all_axes, panel_data, strict=False):
+        _panel(axes, evidence, robot.tree.joints[robot.tree.joint_names.index(evidence.joint)].effort_unit)
+    for axes in all_axes[len(panel_data) :]:
         axes.set_axis_off()
     grid[0][0].legend(fontsize=8, frameon=False, loc="best")
     words = [
-        f"{effect_by_id(one.effect).title} on {one.joint} explains {percent(one.explained, 2)} of its squares"
-        for one in shown
+        f"{effect_by_id(panel.effect).title} on {panel.joint} explains {percent(panel.explained, 2)} of its squares"
+        for panel in panel_data
     ]
     return to_svg(
         figure, f"Mean residual over what each effect depends on, and the fitted effect over it. {'; '.join(words)}."
     )
 
 
-def _panel(axes: Axes, one: Evidence, effort: str) -> None:
+def _panel(axes: Axes, evidence: Evidence, effort: str) -> None:
     axes.fill_between(
-        one.x,
-        one.residual - one.spread,
-        one.residual + one.spread,
+        evidence.x,
+        evidence.residual - evidence.spread,
+        evidence.residual + evidence.spread,
         color=BAND,
         alpha=0.3,
         linewidth=0,
         label="its spread",
     )
-    axes.plot(one.x, one.residual, color=RESIDUAL, marker=".", markersize=4, linewidth=0, label="mean residual")
-    axes.plot(one.x, one.fitted, color=PREDICTED, linewidth=1.4, label="what the effect explains")
+    axes.plot(
+        evidence.x, evidence.residual, color=RESIDUAL, marker=".", markersize=4, linewidth=0, label="mean residual"
+    )
+    axes.plot(evidence.x, evidence.fitted, color=PREDICTED, linewidth=1.4, label="what the effect explains")
     axes.axhline(0, color="#777777", linewidth=0.6)
-    axes.set_xlabel(f"{one.variable} ({one.unit})", fontsize=8)
-    title = effect_by_id(one.effect).title
-    panel_title(axes, f"{shortened(one.joint)} ({effort}), {title}: explains {percent(one.explained, 2)}")
+    axes.set_xlabel(f"{evidence.variable} ({evidence.unit})", fontsize=8)
+    title = effect_by_id(evidence.effect).title
+    panel_title(axes, f"{shortened(evidence.joint)} ({effort}), {title}: explains {percent(evidence.explained, 2)}")

@@ -1,4 +1,4 @@
-"""The ladder of models: the error falling rung by rung, in total and on every joint."""
+"""The ladder of models: the error of each model, in total and on every joint."""
 
 from __future__ import annotations
 
@@ -16,15 +16,22 @@ _NEAR_THE_AXIS = 0.12
 
 
 def models_figure(models: Sequence[Identification], floor: FloatArray | None = None) -> Markup:
-    """The ladder of some models, the first one first: held-out errors where all of them were tried on such data.
+    """Draw the errors of a ladder of models, held-out ones where every model has them.
 
     Parameters
     ----------
-    models : at least one
-    floor : (n,) relative error that sensor noise alone leaves, or None where it is not known
+    models : sequence of Identification
+        At least one, in the order of the ladder.
+    floor : (n,) array, optional
+        Relative error that sensor noise alone leaves.
+
+    Returns
+    -------
+    Markup
+        An inline SVG.
     """
-    tried = [model.held_out for model in models if model.held_out is not None]
-    held_out = tried if len(tried) == len(models) else None
+    held_out_errors = [model.held_out for model in models if model.held_out is not None]
+    held_out = held_out_errors if len(held_out_errors) == len(models) else None
     return ladder_figure(
         [model.fit.relative_total for model in models],
         [item.relative_total for item in held_out] if held_out else None,
@@ -41,25 +48,36 @@ def ladder_figure(
     floor: FloatArray | None,
     joint_names: Sequence[str],
 ) -> Markup:
-    """Relative errors of every rung.
+    """Draw the relative errors of every model of a ladder.
 
     Parameters
     ----------
-    fits, held_out : total relative error of each rung; `held_out` None where there is no validation data
-    per_joint : (n,) for each rung, relative errors of the joints (held out where there is such data)
-    floor : (n,) relative error that sensor noise alone leaves, or None where it is not known
+    fits : sequence of float
+        Total relative error of each model in the fit.
+    held_out : sequence of float or None
+        The same on held-out data; None where there are none.
+    per_joint : sequence of (n,) arrays
+        Relative errors of the joints, one array a model; held out where there is such data.
+    floor : (n,) array or None
+        Relative error that sensor noise alone leaves, where it is known.
+    joint_names : sequence of str
+
+    Returns
+    -------
+    Markup
+        An inline SVG.
     """
     gap = max(0.6, 0.065 * max(len(shortened(name)) for name in joint_names) + 0.15)
     figure, grid = panels(1, 2, max(2.4, 0.36 * len(joint_names) + 0.7), widths=(2, 3), gap=gap)
     left, right = grid[0]
     _totals(left, fits, held_out)
     _joints(right, per_joint, floor, joint_names, "fit" if held_out is None else "held out")
-    shown = held_out if held_out is not None else fits
+    totals = held_out if held_out is not None else fits
     kind = "held-out" if held_out is not None else "fit"
     return to_svg(
         figure,
         f"Relative {kind} error of each model of the ladder, in total and per joint: "
-        f"{', '.join(f'{100 * value:.2f} %' for value in shown)}.",
+        f"{', '.join(f'{100 * value:.2f} %' for value in totals)}.",
     )
 
 
@@ -73,7 +91,7 @@ def _totals(axes: Axes, fits: Sequence[float], held_out: Sequence[float] | None)
     scaled = 100 * np.array([values for _, values, _, _ in lines])
     top = 1.2 * float(scaled.max())
     for step in steps:
-        # The higher of the two has its figure above it, the lower one below, or beside it where the axis is near.
+        # The larger of the two has its number above it, the smaller one below, or beside it where the axis is near.
         for rank, value in enumerate(sorted(scaled[:, step])):
             shift, side = (0, 8), "center"
             if rank == 0 and len(lines) > 1:
@@ -104,5 +122,5 @@ def _joints(
     axes.set_xlabel("relative error (%)", fontsize=8)
     panel_title(axes, f"relative error per joint (%), {kind}")
     if len(values) > 1 or floor is not None:
-        # Beside a single model a legend would look like one joint more.
+        # With a single model, the legend's only entry would look like another joint.
         axes.legend(fontsize=8, frameon=False, loc="best")

@@ -13,31 +13,39 @@ from dynident.recordings import Recording
 from dynident.reports.figures.svg import MEASURED, RESIDUAL, STANDING, panel_title, panels, to_svg
 
 _ROW = 1.25
+# A recording is cut into so many parts, each of which is drawn by its extremes.
 _PARTS = 400
+# Rows that are read at a time: some megabytes, however long the recording.
 _BLOCK = 1 << 16
+# Between segments that are set one after another, a share of the whole time.
 _PAUSE = 0.02
 _REVOLUTE_UNITS, _PRISMATIC_UNITS = ("rad", "N m"), ("m", "N")
 
 
 def recording_figure(recording: Recording, prismatic: tuple[bool, ...] = ()) -> Markup:
-    """Position and torque of every joint; seconds outside of the windows are grey.
+    """Draw position and torque of every joint; times outside of the windows are grey.
 
     Parameters
     ----------
     recording : Recording
-        Read in a stream; of every part of it the extremes are drawn.
-    prismatic : which of the joints slide, in the robot's order
-        Empty: none of them.
+        Read as a stream, so that it need not fit in memory.
+    prismatic : tuple of bool
+        Which of the joints slide, in the robot's order; empty: none of them.
+
+    Returns
+    -------
+    Markup
+        An inline SVG.
     """
     t, q, tau, shifted = _series(recording)
     figure, grid = panels(recording.n, 2, _ROW)
     for joint, name in enumerate(recording.joint_names):
         units = _PRISMATIC_UNITS if prismatic and prismatic[joint] else _REVOLUTE_UNITS
-        for axes, values, what, unit, colour in zip(
+        for axes, values, quantity, unit, colour in zip(
             grid[joint], (q, tau), ("position", "torque"), units, (RESIDUAL, MEASURED), strict=True
         ):
             axes.plot(t[:, joint], values[:, joint], color=colour, linewidth=0.9)
-            panel_title(axes, f"{name}, {what} ({unit})")
+            panel_title(axes, f"{name}, {quantity} ({unit})")
             axes.set_xlim(float(np.nanmin(t)), float(np.nanmax(t)))
             if not shifted:
                 _outside(axes, recording)
@@ -51,8 +59,9 @@ def recording_figure(recording: Recording, prismatic: tuple[bool, ...] = ()) -> 
 
 
 def _outside(axes: Axes, recording: Recording) -> None:
-    """A grey ground where nothing is used."""
+    """Shade the times that are not used."""
     low, high = axes.get_xlim()
+    # The edges in pairs are the gaps before, between and behind the windows.
     edges = [low, *(edge for window in sorted(recording.windows) for edge in window), high]
     for start, end in zip(edges[::2], edges[1::2], strict=True) if recording.windows else ():
         if end > start:
@@ -60,7 +69,7 @@ def _outside(axes: Axes, recording: Recording) -> None:
 
 
 def _series(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
-    """t, q, tau (k, n) with NaN between segments; whether runs that overlap in time were set one after another."""
+    """Return t, q, tau (k, n) with NaN between segments, and whether overlapping segments were moved apart."""
     size = max(1, recording.n_samples // _PARTS)
     pause = _PAUSE * recording.n_samples * recording.period
     gap = np.full((1, recording.n), np.nan)
@@ -86,9 +95,10 @@ def _series(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray, b
 def _extremes(
     t: FloatArray, q: FloatArray, tau: FloatArray, size: int
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
-    """Of every `size` rows those where a joint's torque is first, least and largest, in their order, (3, n) each."""
+    """Yield, of every `size` rows, those where a joint's torque is first, least and largest, (3, n) each."""
     joints = np.arange(q.shape[1])
     for first in range(0, len(t), size):
         part = tau[first : first + size]
-        kept = first + np.sort([np.zeros(len(joints), dtype=int), part.argmin(axis=0), part.argmax(axis=0)], axis=0)
-        yield t[kept], q[kept, joints], tau[kept, joints]
+        # Each joint has rows of its own. Sorted, they keep the order of time.
+        rows = first + np.sort([np.zeros(len(joints), dtype=int), part.argmin(axis=0), part.argmax(axis=0)], axis=0)
+        yield t[rows], q[rows, joints], tau[rows, joints]

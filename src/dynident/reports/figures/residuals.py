@@ -1,4 +1,4 @@
-"""The residual over velocity, position and load: what shape the missing physics has."""
+"""The residual over velocity, position and load, which shows the shape of missing physics."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dynident.diagnosis import Comparison
 from dynident.reports.figures.svg import PREDICTED, panel_title, panels, to_svg
 
 _ROW = 1.55
-# Cells of the density and parts of the mean line at most; fewer where there are few rows.
+# Most cells of the density and most parts of the mean line; fewer where there are few rows, so that each has enough.
 _ACROSS, _MEANS = 90, 40
 _ROWS_A_COLUMN, _ROWS_A_MEAN = 30, 25
 _FEWEST = 8
@@ -22,7 +22,20 @@ _TICKS = 6
 
 
 def residual_figure(comparisons: Sequence[Comparison], joints: Sequence[int]) -> Markup:
-    """Density of the residual of some joints over three signals, all recordings together, with its mean."""
+    """Draw the density of the residual over three signals, of all recordings together, with its mean.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        At least one, all of one robot.
+    joints : sequence of int
+        Indices of the joints to draw.
+
+    Returns
+    -------
+    Markup
+        An inline SVG.
+    """
     figure, grid = panels(len(joints), 3, _ROW)
     first = comparisons[0]
     for row, joint in enumerate(joints):
@@ -48,18 +61,20 @@ def residual_figure(comparisons: Sequence[Comparison], joints: Sequence[int]) ->
 
 def _density(axes: Axes, x: FloatArray, y: FloatArray) -> None:
     low, high = _range(x)
+    # A few outliers must not shrink the rest to a line: they are drawn at the edge.
     reach = max(float(np.quantile(np.abs(y), 0.998)) * 1.15, 1e-12)
     across = int(np.clip(len(x) / _ROWS_A_COLUMN, 24, _ACROSS))
     cells = (across, across // 2)
     counts, _, _ = np.histogram2d(x, np.clip(y, -reach, reach), cells, ((low, high), (-reach, reach)))
     if counts.max() > 0:
-        shown = np.ma.masked_less(counts.T, 1)
+        density = np.ma.masked_less(counts.T, 1)
         axes.imshow(
-            shown,
+            density,
             origin="lower",
             extent=(low, high, -reach, reach),
             aspect="auto",
             cmap="Blues",
+            # Counts span orders of magnitude. Beginning below one keeps a single sample visible.
             norm=LogNorm(0.3, max(float(counts.max()), 2.0)),
             interpolation="none",
             zorder=1,
@@ -73,14 +88,16 @@ def _density(axes: Axes, x: FloatArray, y: FloatArray) -> None:
 
 
 def _range(x: FloatArray) -> tuple[float, float]:
+    """Return the range of the horizontal axis."""
     low, high = float(x.min()), float(x.max())
     if high - low < 1e-9 * max(1.0, abs(low)):
+        # A joint that never moves has no range of its own.
         return low - 0.5, high + 0.5
     return low, high
 
 
 def _means(x: FloatArray, y: FloatArray, low: float, high: float) -> tuple[FloatArray, FloatArray]:
-    """Mean of y in equal parts of x, NaN where there are too few samples."""
+    """Return the centres of equal parts of x and the mean of y in each, NaN where there are too few samples."""
     n = int(np.clip(len(x) / _ROWS_A_MEAN, _FEWEST, _MEANS))
     which = np.clip(((x - low) / (high - low) * n).astype(np.intp), 0, n - 1)
     counts = np.bincount(which, minlength=n)

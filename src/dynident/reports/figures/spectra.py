@@ -17,7 +17,19 @@ _PEAKS = 2
 
 
 def spectra_figure(comparison: Comparison, joints: range) -> Markup:
-    """Amplitude spectra of some joints' residual in one recording."""
+    """Draw amplitude spectra of some joints' residual in one recording.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    joints : range
+        Indices of the joints to draw.
+
+    Returns
+    -------
+    Markup
+        An inline SVG; a panel says so where the recording is too short for its spectrum.
+    """
     figure, grid = panels(len(joints), 2, _ROW)
     for row, joint in enumerate(joints):
         residual = comparison.residual[:, joint]
@@ -28,6 +40,8 @@ def spectra_figure(comparison: Comparison, joints: range) -> Markup:
         except DynidentError as error:
             _nothing(grid[row][0], error.title)
         revolute = unit == "N m"
+        # Over the angle of a revolute joint the frequency is in cycles per turn: those of gears and windings are whole
+        # numbers.
         turn, highest = (2.0 * np.pi, HIGHEST_IN_A_RADIAN) if revolute else (1.0, HIGHEST_IN_A_METRE)
         q, dq = comparison.q[:, joint], comparison.dq[:, joint]
         try:
@@ -44,15 +58,15 @@ def spectra_figure(comparison: Comparison, joints: range) -> Markup:
     return to_svg(figure, f"Amplitude spectra of the residual of {names} over time and over the joint's own position.")
 
 
-def _line(axes: Axes, found: ResidualSpectrum, scale: float) -> None:
-    x, y = scale * found.frequency, found.amplitude
+def _line(axes: Axes, spectrum: ResidualSpectrum, scale: float) -> None:
+    x, y = scale * spectrum.frequency, spectrum.amplitude
     step = max(1, -(-len(x) // _POINTS))
     parts = range(0, len(x), step)
-    # The highest of every few values stays, so that no line is lost.
-    kept = [first + int(np.argmax(y[first : first + step])) for first in parts]
-    axes.fill_between(x[kept], y[kept], color=RESIDUAL, alpha=0.2, linewidth=0)
-    axes.plot(x[kept], y[kept], color=RESIDUAL, linewidth=0.9)
-    for k in filter(found.stands_out, found.peaks(_PEAKS)):
+    # Of every few values the highest is drawn, so that no spectral line is lost.
+    rows = [first + int(np.argmax(y[first : first + step])) for first in parts]
+    axes.fill_between(x[rows], y[rows], color=RESIDUAL, alpha=0.2, linewidth=0)
+    axes.plot(x[rows], y[rows], color=RESIDUAL, linewidth=0.9)
+    for k in filter(spectrum.stands_out, spectrum.peaks(_PEAKS)):
         axes.annotate(f"{x[k]:.3g}", (x[k], y[k]), (2, 1), textcoords="offset points", fontsize=7, color="#333333")
     axes.set_xlim(float(x[0]), float(x[-1]))
     axes.set_ylim(0, 1.2 * max(float(y.max()), 1e-12))

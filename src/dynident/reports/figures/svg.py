@@ -1,4 +1,4 @@
-"""Matplotlib figures as inline SVG: small, with real text, with a title for those who cannot see them."""
+"""Matplotlib figures as inline SVG: small, with real text, and with a description for screen readers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from dynident.encoding import without_control_characters
 AxesGrid = list[list[Axes]]
 """Rows of axes."""
 
-# Okabe and Ito's palette: told apart by everybody, and in grey.
+# The palette of Okabe and Ito, which colour-blind readers and prints in grey can tell apart.
 MEASURED, PREDICTED, RESIDUAL, BAND = "#4d4d4d", "#d55e00", "#0072b2", "#56b4e9"
 AT_REST, STANDING = "#f0b27a", "#ececec"
 FIT, HELD_OUT, FLOOR, GOOD, MUTED = "#56b4e9", "#d55e00", "#009e73", "#009e73", "#9a9a9a"
@@ -34,13 +34,13 @@ WIDTH = 10.6
 _TITLE_HEIGHT, _TICKS_HEIGHT = 0.27, 0.24
 _LONGEST_NAME = 32
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
-# The setting of matplotlib under which text stays text is the process's own: one figure is drawn at a time.
+# The setting of matplotlib that keeps text as text is global to the process, so one figure is drawn at a time.
 _drawing = Lock()
 
 
 @dataclass(frozen=True)
 class Margins:
-    """Room in inches around the panels of a figure."""
+    """Margins around the panels of a figure, in inches."""
 
     left: float = 0.6
     right: float = 0.08
@@ -58,11 +58,27 @@ def panels(
     gap: float = 0.55,
     below: float = _TICKS_HEIGHT,
 ) -> tuple[Figure, AxesGrid]:
-    """A figure over the page's width with a grid of axes: rows `height` inches with their titles, columns `gap` apart.
+    """Make a figure of the page's width with a grid of axes.
 
-    Where there are several rows, `below` each panel is what its ticks, and its label if it has one, take.
+    The axes are placed by inches: matplotlib's layout engine takes several times as long as the drawing.
 
-    Placed by inches rather than by matplotlib's layout engine, which takes several times as long as the drawing.
+    Parameters
+    ----------
+    rows, columns : int
+    height : float
+        Of a row with its titles, in inches.
+    widths : sequence of float, optional
+        Ratios of the columns' widths; all the same by default.
+    margins : Margins, optional
+    gap : float
+        Between columns, in inches.
+    below : float
+        Room for ticks and label below each panel, in inches, where there are several rows.
+
+    Returns
+    -------
+    figure : Figure
+    grid : list of rows of axes
     """
     room = margins or Margins()
     total = rows * height + room.top + room.bottom
@@ -84,7 +100,7 @@ def panels(
 
 
 def _plain(axes: Axes) -> None:
-    """Take away what is not data."""
+    """Remove what is not data from a panel, and set its ticks and grid."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#999999")
     axes.tick_params(labelsize=8, color="#999999", length=3)
@@ -93,28 +109,53 @@ def _plain(axes: Axes) -> None:
 
 
 def panel_title(axes: Axes, text: str) -> None:
-    """A title over a panel; whatever a user called a joint is taken literally."""
+    """Write a title over a panel; names of joints in it are taken literally, not as formulas."""
     axes.set_title(text, fontsize=8.5, loc="left", pad=4, color="#333333", parse_math=False)
 
 
 def shortened(name: str) -> str:
-    """A name that fits beside a panel."""
+    """Return a name cut to what fits beside a panel."""
     return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
 
 
 def to_svg(figure: Figure, description: str) -> Markup:
-    """The figure as an <svg> element; `description` is what a reader who does not see it is told."""
+    """Return a figure as an <svg> element.
+
+    Parameters
+    ----------
+    figure : Figure
+    description : str
+        What a reader who cannot see the figure is told.
+
+    Returns
+    -------
+    Markup
+    """
     return _inline(_drawn(figure, "none"), description)
 
 
 def drawn_formula(formula: str, size: float = 11.0) -> Markup | None:
-    """A LaTeX formula as an inline <svg>, or None where matplotlib's mathtext does not know it."""
+    """Draw a LaTeX formula.
+
+    Parameters
+    ----------
+    formula : str
+        Without dollar signs.
+    size : float
+        Of the font, in points.
+
+    Returns
+    -------
+    Markup or None
+        An inline SVG; None where matplotlib's mathtext does not know the formula.
+    """
     font = FontProperties(size=size)
     try:
         with _drawing:
             width, height, depth, *_ = MathTextParser("path").parse(f"${formula}$", dpi=72, prop=font)
     except ValueError:
         return None
+    # A point around the formula, since slanted letters reach beyond the box that is measured.
     pad = 1.0
     wide, high = float(width) + 2 * pad, float(height) + float(depth) + 2 * pad
     figure = Figure(figsize=(wide / 72, high / 72))
@@ -126,13 +167,13 @@ def drawn_formula(formula: str, size: float = 11.0) -> Markup | None:
 def _drawn(figure: Figure, text_as: Literal["none", "path"]) -> str:
     file = io.StringIO()
     with _drawing, mpl.rc_context({"svg.fonttype": text_as, "svg.hashsalt": "dynident"}):
-        # Not savefig, which draws everything twice.
+        # The salt makes the ids in the file the same each time. Figure.savefig would draw everything twice.
         FigureCanvasSVG(figure).print_svg(file, metadata=_NO_METADATA)  # type: ignore[no-untyped-call]
     return file.getvalue()
 
 
 def _inline(text: str, description: str, attributes: str = "") -> Markup:
-    """Without the file's head, fixed size, needless decimals and the list of fonts; with a description."""
+    """Return an SVG file as an element with a description, without fixed size, needless decimals and list of fonts."""
     body = text[text.index("<svg") :]
     head, rest = body.split(">", 1)
     box = re.search(r'viewBox="([^"]+)"', head)
@@ -142,7 +183,8 @@ def _inline(text: str, description: str, attributes: str = "") -> Markup:
         f'viewBox="{box[1] if box else "0 0 1 1"}" role="img" aria-label="{name}">'
     )
     rest = re.sub(r"\s*<metadata>.*?</metadata>", "", rest, flags=re.DOTALL)
-    rest = re.sub(r' d="([^"]*)"', lambda found: f' d="{_rounded(found[1])}"', rest)
+    # Two decimals of a point are finer than any screen or printer, and halve the size of the file.
+    rest = re.sub(r' d="([^"]*)"', lambda match: f' d="{_rounded(match[1])}"', rest)
     rest = re.sub(r"font: ([^;\"]*?px) [^;\"]*", r"font: \1 sans-serif", rest)
     rest = re.sub(r"\n\s*", "\n", rest)
     return Markup(without_control_characters(opening + rest))

@@ -1,4 +1,4 @@
-"""Measured against predicted torque, and what is left, joint by joint over time."""
+"""Measured and predicted torque, and the residual, joint by joint over time."""
 
 from __future__ import annotations
 
@@ -32,13 +32,28 @@ from dynident.reports.numbers import percent
 _POINTS = 700
 _BAND_POINTS = 300
 _ROW = 1.6
+# Halts of a joint that are nearer than this share of the axis are drawn as one: paper does not separate them.
 _APART = 0.002
 _OF_REST = ("stands", "what friction may hold at rest")
 JOINTS_A_FIGURE = 8
 
 
 def torque_figure(comparison: Comparison, joints: Sequence[int], name: str) -> Markup:
-    """Torque and residual of some joints of one recording."""
+    """Draw torque and residual of some joints of one recording.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    joints : sequence of int
+        Indices of the joints to draw.
+    name : str
+        Of the recording.
+
+    Returns
+    -------
+    Markup
+        An inline SVG.
+    """
     figure, grid = panels(len(joints), 2, _ROW, widths=(3, 2), margins=Margins(top=0.25))
     axis = time_axis(comparison)
     for row, joint in enumerate(joints):
@@ -55,16 +70,16 @@ def _torque(axes: Axes, comparison: Comparison, axis: TimeAxis, joint: int) -> N
     _shade(axes, axis, standing)
     rest = axis.only(standing)
     t, lower, upper = thinned_together(rest, _BAND_POINTS, comparison.lower[:, joint], comparison.upper[:, joint])
-    # Its edges are drawn, too: a stretch of rest may be narrower than a line.
+    # The edges are drawn, too, since a standstill may be narrower than the smallest area that is visible.
     axes.fill_between(t, lower, upper, color=AT_REST, alpha=0.6, linewidth=0.6, label="what friction may hold at rest")
     recorded = comparison.has_torque[:, joint]
     t, measured = thinned(axis.only(recorded), comparison.measured[:, joint], _POINTS)
     axes.plot(t, measured, color=MEASURED, linewidth=1.0, label="measured")
-    # At rest the prediction has no sign of friction: the band is the prediction there.
+    # At rest the sign of friction is unknown, so the band is the prediction there.
     t, predicted = thinned(axis.only(~standing), comparison.predicted[:, joint], _POINTS)
     axes.plot(t, predicted, color=PREDICTED, linewidth=0.9, label="predicted", dashes=(5, 1.2))
-    what = "torque" if recorded.any() else "torque, which was not recorded"
-    panel_title(axes, f"{comparison.joint_names[joint]}, {what} ({comparison.units[joint]})")
+    title = "torque" if recorded.any() else "torque, which was not recorded"
+    panel_title(axes, f"{comparison.joint_names[joint]}, {title} ({comparison.units[joint]})")
     _whole_time(axes, axis)
 
 
@@ -82,7 +97,7 @@ def _residual(axes: Axes, comparison: Comparison, axis: TimeAxis, joint: int) ->
 
 
 def _shade(axes: Axes, axis: TimeAxis, standing: BoolArray) -> None:
-    """A grey ground where the joint stands; stretches that paper cannot tell apart are one."""
+    """Shade the times at which the joint stands; halts too close for paper to separate become one."""
     least = _APART * float(axis.t[-1] - axis.t[0])
     spans: list[list[float]] = []
     for part in axis.only(standing).stretches:

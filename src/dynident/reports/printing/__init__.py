@@ -1,1 +1,1 @@
-"""A report on paper: its page set anew by Typst."""
+"""Reports as PDF, typeset by Typst."""

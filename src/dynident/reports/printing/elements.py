@@ -1,4 +1,7 @@
-"""The page of a report as a tree. Drawings stay text: parsers of HTML spell their elements in small letters."""
+"""The HTML page of a report as a tree of elements.
+
+Drawings stay text, since parsers of HTML turn the names of SVG elements into small letters.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,17 @@ _VOID = frozenset({"br", "hr", "img", "link", "meta", _PLACE})
 
 @dataclass(eq=False)
 class Element:
-    """One element: its name, attributes, and what is in it, elements and texts.
+    """One element of a page.
 
-    One named `svg` has nothing in it, and its own text as `source`.
+    Attributes
+    ----------
+    name : str
+        The name of its tag, "" for the root.
+    attributes : dict
+    children : list
+        Elements and texts, in the order of the page; none in a drawing (`svg`).
+    source : str
+        The text of a drawing, "" for other elements.
     """
 
     name: str
@@ -26,11 +37,11 @@ class Element:
 
     @property
     def classes(self) -> frozenset[str]:
-        """The classes that its style goes by."""
+        """The CSS classes of the element."""
         return frozenset(self.attributes.get("class", "").split())
 
     def all(self, *names: str) -> Iterator[Element]:
-        """All elements of these names in it, in the order of the page; none inside of another of them."""
+        """Yield all descendants of these names in the order of the page, but none inside of another of them."""
         for child in self.children:
             if isinstance(child, Element):
                 if child.name in names:
@@ -39,16 +50,28 @@ class Element:
                     yield from child.all(*names)
 
     def first(self, *names: str) -> Element | None:
-        """The first of them, if any."""
+        """Return the first of the elements that `all` yields; None where there is none."""
         return next(self.all(*names), None)
 
 
 def parsed(page: str) -> Element:
-    """The tree of a page: an element without name that holds all others."""
+    """Parse a page.
+
+    Parameters
+    ----------
+    page : str
+        HTML as `html_report` writes it.
+
+    Returns
+    -------
+    Element
+        A root without a name that holds all others.
+    """
+    # Each drawing is replaced by an empty element with its number before parsing, and put back by the builder.
     drawings: list[str] = []
 
-    def place(found: re.Match[str]) -> str:
-        drawings.append(found[0])
+    def place(drawing: re.Match[str]) -> str:
+        drawings.append(drawing[0])
         return f"<{_PLACE} id={len(drawings) - 1}>"
 
     builder = _Builder(drawings)
@@ -68,8 +91,8 @@ class _Builder(HTMLParser):
         values = {name: value or "" for name, value in attrs}
         if tag == _PLACE:
             source = self._drawings[int(values["id"])]
-            kinds = re.search(r'^<svg[^>]* class="([^"]*)"', source)
-            element = Element("svg", {"class": kinds[1] if kinds else ""}, source=source)
+            style_class = re.search(r'^<svg[^>]* class="([^"]*)"', source)
+            element = Element("svg", {"class": style_class[1] if style_class else ""}, source=source)
         else:
             element = Element(tag, values)
         self._open[-1].children.append(element)
@@ -77,7 +100,8 @@ class _Builder(HTMLParser):
             self._open.append(element)
 
     def handle_endtag(self, tag: str) -> None:
-        if tag in (one.name for one in self._open):
+        # Elements whose end tag is missing end with the element around them; an end tag without a start is ignored.
+        if tag in (element.name for element in self._open):
             while self._open.pop().name != tag:
                 pass
 

@@ -1,4 +1,4 @@
-"""The page of a report as PDF."""
+"""Reports as PDF files."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from dynident.reports.printing.typesetting import typeset
 
 
 def pdf_of(page: str) -> bytes:
-    """Set a report that `html_report` wrote on numbered A4 pages, as PDF.
+    """Typeset a report that `html_report` wrote on numbered A4 pages, as PDF.
 
-    What the page folds is not on paper. The fonts are those that come with matplotlib, and the page itself says when
-    it was made: the same page is the same file, on every machine.
+    Folded parts of the page are left out. The fonts are those that come with matplotlib, and the date stands in the
+    page itself, so the same page gives the same file on every machine.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""From the elements of a report's page to Typst's code. Every text is a string there: no character of it is markup."""
+"""Conversion of the elements of a report's page to Typst code.
+
+Every text becomes a Typst string, in which no character is markup.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +18,25 @@ _LEFT_OUT = frozenset({"head", "nav", "style", "script"})
 
 
 def typeset(page: Element) -> str:
-    """Typst's markup for a whole page."""
+    """Return the Typst markup of a whole page.
+
+    Parameters
+    ----------
+    page : Element
+        The root of the page's tree.
+
+    Returns
+    -------
+    str
+    """
     body, title = page.first("body") or page, page.first("title")
-    named = "none" if title is None else _text(_words(title))
-    return f"#set document(title: {named}, date: none)\n#{_blocks(body.children)}"
+    title_text = "none" if title is None else _text(_words(title))
+    return f"#set document(title: {title_text}, date: none)\n#{_blocks(body.children)}"
 
 
 def _text(text: str) -> str:
-    """A string of Typst; white space counts once, as on the page."""
+    """Return a text as a Typst string; runs of white space become one space, as in HTML."""
+    # Backslashes first: the escapes of quotes bring new ones.
     plain = re.sub(r"\s+", " ", text).replace("\\", "\\\\").replace('"', '\\"')
     return f'"{plain}"'
 
@@ -32,12 +46,12 @@ def _joined(parts: Iterable[str]) -> str:
 
 
 def _blocks(children: Iterable[Element | str]) -> str:
-    """What stands one beneath another: white space between is nothing."""
+    """Return elements that stand one below the other; white space between them is dropped."""
     return _joined(_one(child) for child in children if isinstance(child, Element) or child.strip())
 
 
 def _line(children: Iterable[Element | str]) -> str:
-    """What runs on in lines."""
+    """Return elements that follow each other within lines."""
     return _joined(_one(child) for child in children)
 
 
@@ -65,19 +79,19 @@ def _paragraph(element: Element) -> str:
 
 
 def _list(name: str) -> Callable[[Element], str]:
-    def written(element: Element) -> str:
+    def write_list(element: Element) -> str:
         items = ", ".join(_line(item.children) for item in element.all("li"))
         small = f"report-note({name}({items}))"
         return small if "note" in element.classes else f"{name}({items})"
 
-    return written
+    return write_list
 
 
 def _span(element: Element) -> str:
     content = _line(element.children)
-    mark = next((one for one in _MARKS if one in element.classes), None) if "mark" in element.classes else None
-    if mark is not None:
-        return f'report-mark("{mark}", {content})'
+    marks = [mark for mark in _MARKS if mark in element.classes] if "mark" in element.classes else []
+    if marks:
+        return f'report-mark("{marks[0]}", {content})'
     return f"report-small({content})" if "note" in element.classes else content
 
 
@@ -86,9 +100,9 @@ def _code(element: Element) -> str:
 
 
 def _link(element: Element) -> str:
-    """To somewhere else: places of the page itself have no names on paper."""
-    target, told = element.attributes.get("href", ""), _line(element.children)
-    return f"link({_text(target)}, {told})" if target.startswith("http") else told
+    """Return a link to another place; links within the page become plain text, since paper has no anchors."""
+    target, text = element.attributes.get("href", ""), _line(element.children)
+    return f"link({_text(target)}, {text})" if target.startswith("http") else text
 
 
 def _words(element: Element) -> str:
@@ -96,7 +110,7 @@ def _words(element: Element) -> str:
 
 
 def _definitions(element: Element) -> str:
-    """Terms beside what they are; the figures of the summary as cards."""
+    """Return terms beside their definitions; the figures of the summary become cards."""
     if "figures" in element.classes:
         cards = [
             f"({', '.join(_line(part.children) for part in card.all('dt', 'dd'))},)" for card in element.all("div")
@@ -112,7 +126,7 @@ def _drawing(element: Element) -> str:
         return f'image(bytes("{source}"), format: "svg", width: 100%)'
     size = re.search(r'style="width:([\d.]+)pt;height:([\d.]+)pt"', element.source)
     width, height = (size[1], size[2]) if size else ("60", "14")
-    # Written for lines of 11 points.
+    # Formulas are drawn for a font of 11 points; the template scales them to its own.
     return f'report-formula(bytes("{source}"), {width}pt, {height}pt)'
 
 
@@ -124,7 +138,7 @@ def _figure(element: Element) -> str:
 
 
 def _folded(element: Element) -> str:
-    """What is folded on the page is not on paper; its line says that it is there."""
+    """Return the title of a part that is folded on the page; its content is left out on paper."""
     line = element.first("summary")
     return f"report-folded({_line(line.children) if line is not None else 'none'})"
 
@@ -132,6 +146,7 @@ def _folded(element: Element) -> str:
 def _table(element: Element) -> str:
     caption, head = element.first("caption"), element.first("thead")
     heads = list(head.all("tr")) if head is not None else []
+    # `thead` counts as one element of the search below, so that its rows are not found twice.
     within = {id(row) for row in heads}
     rows = [row for row in element.all("tr", "thead") if row.name == "tr" and id(row) not in within]
     columns = max((sum(_span_of(cell) for cell in row.all("th", "td")) for row in [*heads, *rows]), default=1)
@@ -144,26 +159,27 @@ def _table(element: Element) -> str:
 
 
 def _widths(rows: list[Element], columns: int) -> list[str]:
-    """Short columns take what they need; those of sentences share what is left, by how long these are."""
+    """Return the widths of columns: short ones take what they need, long ones share the rest by their lengths."""
     longest = [0.0] * columns
     for row in rows:
         cells = list(row.all("th", "td"))
         if all(_span_of(cell) == 1 for cell in cells):
             for number, cell in enumerate(cells):
                 longest[number] = max(longest[number], _length(cell))
+    # The exponent below one keeps a single long text from taking nearly all of the width.
     return ["auto" if length <= _SHORT else f"{length**0.7:.1f}fr" for length in longest]
 
 
 def _length(element: Element) -> float:
-    """Of what is told in it, in characters."""
+    """Return the number of characters in an element."""
     if element.name == "svg":
-        # What may not be broken, so that its column is never squeezed.
+        # A drawing cannot be broken into lines, so its column counts as short and is never squeezed.
         return 0.0
     return sum(len(" ".join(child.split())) if isinstance(child, str) else _length(child) for child in element.children)
 
 
 def _row(row: Element, columns: int) -> str:
-    kind = next((one for one in _ROWS if one in row.classes), "")
+    kind = next((row_kind for row_kind in _ROWS if row_kind in row.classes), "")
     cells = list(row.all("th", "td"))
     missing = columns - sum(map(_span_of, cells))
     return ", ".join([*(_cell(cell, kind, is_head=False) for cell in cells), *(["[]"] * missing)])
@@ -178,7 +194,7 @@ def _cell(cell: Element, row: str, *, is_head: bool) -> str:
     content = _span(cell)
     if is_head or row in ("total", "group"):
         content = f"strong({content})"
-    # Numbers and units are told in one line.
+    # A box keeps a number and its unit in one line.
     if not is_head and {"n", "unit"} & cell.classes and _length(cell) <= _SHORT:
         content = f"box({content})"
     return f"table.cell({''.join(option + ', ' for option in options)}{content})"

@@ -1,1 +1,1 @@
-"""The sections of a report, one module each: from results to what a template is filled with."""
+"""The sections of a report, one module each: they turn results into the content that a template shows."""

@@ -1,4 +1,4 @@
-"""The recordings, what was checked in them, and how they were filtered."""
+"""The section on the recordings, their checks and their filters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dynident.reports.words import standing_text
 
 @dataclass(frozen=True)
 class RecordingRow:
-    """One recording in words."""
+    """One recording, in words."""
 
     name: str
     role: str
@@ -30,7 +30,7 @@ class RecordingRow:
 
 @dataclass(frozen=True)
 class CheckRow:
-    """One finding in one recording."""
+    """One check of one recording."""
 
     recording: str
     check: Check
@@ -39,7 +39,7 @@ class CheckRow:
 
 @dataclass(frozen=True)
 class DataContent:
-    """Recordings, findings, filters."""
+    """The content of the section: recordings, checks, filters."""
 
     recordings: tuple[RecordingRow, ...]
     checks: tuple[CheckRow, ...]
@@ -49,17 +49,27 @@ class DataContent:
 
     @property
     def doubtful(self) -> list[CheckRow]:
-        """Those that found something."""
+        """The checks that found something."""
         return [row for row in self.checks if row.check.status != "ok"]
 
     @property
     def passed(self) -> list[CheckRow]:
-        """The others."""
+        """The checks that found nothing."""
         return [row for row in self.checks if row.check.status == "ok"]
 
 
 def data_section(identification: Identification, runs: Sequence[ReportedRun]) -> Section:
-    """What the parameters were identified from and tried on."""
+    """Return the section on the data that the model was identified from and tried on.
+
+    Parameters
+    ----------
+    identification : Identification
+    runs : sequence of ReportedRun
+
+    Returns
+    -------
+    Section
+    """
     preprocessing = identification.preprocessing
     content = DataContent(
         tuple(_recording(run) for run in runs),
@@ -114,6 +124,7 @@ def _filters(preprocessing: Preprocessing) -> tuple[tuple[str, str], ...]:
 
 
 def _ordinal(count: int) -> str:
+    # 11th, 12th and 13th do not follow their last digit.
     if count % 100 in (11, 12, 13):
         return f"{count}th"
     return f"{count}{ {1: 'st', 2: 'nd', 3: 'rd'}.get(count % 10, 'th') }"

@@ -1,4 +1,4 @@
-"""The experiment as it was designed: what the trajectory is worth, and how near it comes to the limits."""
+"""The section on the experiment's design: how exciting the trajectory is, and how near it comes to the limits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _UNITS = {"position_min": "", "position_max": "", "velocity": "/s", "acceleratio
 
 @dataclass(frozen=True)
 class MarginRow:
-    """One limit and how much of its room is used."""
+    """One limit and the share of it that is used."""
 
     joint: str
     limit: str
@@ -41,7 +41,10 @@ class RunRow:
 
 @dataclass(frozen=True)
 class DesignContent:
-    """The design in words; `rows` compare it with random trajectories: name, condition number, smallest singular."""
+    """The content of the section; `rows` compare the design with random trajectories.
+
+    A row has a name, a condition number and a smallest singular value.
+    """
 
     kind: str
     length: str
@@ -53,7 +56,17 @@ class DesignContent:
 
 
 def design_section(design: Design, robot: Robot) -> Section:
-    """What was asked of the robot."""
+    """Return the section on the designed trajectory.
+
+    Parameters
+    ----------
+    design : Design
+    robot : Robot
+
+    Returns
+    -------
+    Section
+    """
     values, baseline = design.criterion_values, design.baseline
     rows = [("this trajectory", number(values.condition_number), number(values.smallest_singular_value))]
     if baseline is not None:
@@ -61,6 +74,7 @@ def design_section(design: Design, robot: Robot) -> Section:
         name = f"best of {counted(baseline.count, 'random one')}"
         rows.append((name, number(best.condition_number), number(best.smallest_singular_value)))
         rows.append(("median of those", number(baseline.median_condition_number), "–"))
+    # A robot has dozens of limits. Those that are nearly reached are the interesting ones.
     nearest = sorted(design.margins, key=lambda margin: -margin.share)[:_NEAREST]
     content = DesignContent(
         design.request.kind.replace("_", " "),
@@ -88,6 +102,7 @@ def design_section(design: Design, robot: Robot) -> Section:
 
 
 def _unit(robot: Robot, margin: Margin) -> str:
+    """Return the unit of a limit."""
     if margin.limit in ("clearance", "tool_min", "tool_max"):
         return "m"
     if margin.limit == "condition":

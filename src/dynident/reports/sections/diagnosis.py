@@ -1,4 +1,4 @@
-"""The diagnosis: what is missing, how sure that is, and what the data could not have shown."""
+"""The section on the diagnosis: what is missing, how sure that is, and what the data could not have shown."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _MOST_SPOTS, _MOST_BARS, _MOST_PANELS, _MOST_ROWS = 12, 12, 8, 6
 
 @dataclass(frozen=True)
 class CandidateRow:
-    """One family of effects in words, beside what the diagnosis says of it."""
+    """One ranked candidate, in words."""
 
     candidate: RankedEffect
     title: str
@@ -49,7 +49,7 @@ class CandidateRow:
 
 @dataclass(frozen=True)
 class ChangeRow:
-    """One number that differs from the baseline, in words; `first` of its change, where the evidence stands."""
+    """One number that differs from the baseline, in words; the `first` row of a change also shows its evidence."""
 
     change: Change
     cells: ChangeCells
@@ -59,7 +59,7 @@ class ChangeRow:
 
 @dataclass(frozen=True)
 class ChoiceText:
-    """A recommended effect in words."""
+    """A recommended effect, in words."""
 
     title: str
     identifier: str
@@ -69,7 +69,7 @@ class ChoiceText:
 
 @dataclass(frozen=True)
 class InvisibleRow:
-    """An effect that the data could not have shown, on all joints where that is so."""
+    """An effect that the data could not have shown, with all joints for which that holds."""
 
     title: str
     place: str
@@ -78,7 +78,7 @@ class InvisibleRow:
 
 @dataclass(frozen=True)
 class SpotRow:
-    """Where a residual is large."""
+    """A range of a variable in which the residual is large."""
 
     spot: FailureSpot
     place: str
@@ -88,7 +88,7 @@ class SpotRow:
 
 @dataclass(frozen=True)
 class DiagnosisContent:
-    """The diagnosis in words."""
+    """The content of the section."""
 
     verdict: str
     headline: str
@@ -110,14 +110,26 @@ class DiagnosisContent:
 
     @property
     def shown(self) -> int:
-        """How many candidates are shown at once: all that were found, and enough to see what came next."""
+        """Number of candidates visible before the rest is unfolded: all significant ones, and at least a few."""
         return max([_MOST_ROWS, *(k for k, row in enumerate(self.candidates, 1) if row.candidate.significant)])
 
 
 def diagnosis_section(
     identification: Identification, diagnosis: Diagnosis, recordings: Sequence[Recording] = ()
 ) -> Section:
-    """What a diagnosis says; with what each finding explains of the residual in `recordings`."""
+    """Return the section on a diagnosis.
+
+    Parameters
+    ----------
+    identification : Identification
+    diagnosis : Diagnosis
+    recordings : sequence of Recording
+        Those in whose residual the effect of each finding is drawn; none: no such figure.
+
+    Returns
+    -------
+    Section
+    """
     robot = identification.model.robot
     content = DiagnosisContent(
         diagnosis.verdict,
@@ -129,7 +141,7 @@ def diagnosis_section(
         None if diagnosis.changes is None else tuple(_changed(diagnosis.changes, robot)),
         changes_figure(diagnosis.changes) if diagnosis.changes else None,
         FRICTION_COLUMNS,
-        tuple(friction_row(one) for one in diagnosis.friction),
+        tuple(friction_row(difference) for difference in diagnosis.friction),
         friction_figure(diagnosis.friction),
         tuple(_choice(choice, robot) for choice in diagnosis.recommended),
         recommended_is_added(identification, diagnosis),
@@ -142,9 +154,9 @@ def diagnosis_section(
 
 
 def _evidence(identification: Identification, diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Markup | None:
-    """What the findings explain of the residual of the model that was diagnosed."""
-    # What changed is in recordings that this model may never have seen.
-    changed = {(one.choice.effect, one.choice.runs) for one in diagnosis.changes or ()}
+    """Draw what the findings explain of the residual of the model that was diagnosed."""
+    # A change is only in the later recordings, which this model may never have seen.
+    changed = {(change.choice.effect, change.choice.runs) for change in diagnosis.changes or ()}
     findings = [
         item
         for item in diagnosis.candidates
@@ -152,11 +164,12 @@ def _evidence(identification: Identification, diagnosis: Diagnosis, recordings: 
     ]
     if not findings or not recordings:
         return None
-    found = {choice.effect for choice in diagnosis.recommended}
+    recommended_effects = {choice.effect for choice in diagnosis.recommended}
     models = list(identification.ladder())
-    before = [m for m in models if not found & {choice.effect for choice in m.choices.effects}]
-    shown = evidence((before or models)[-1], findings, recordings)[:_MOST_PANELS]
-    return evidence_figure(shown, identification.model.robot) if shown else None
+    # The model may already contain the recommended effects. The residual to draw is that of the last one without them.
+    before = [m for m in models if not recommended_effects & {choice.effect for choice in m.choices.effects}]
+    panels = evidence((before or models)[-1], findings, recordings)[:_MOST_PANELS]
+    return evidence_figure(panels, identification.model.robot) if panels else None
 
 
 def _candidate(item: RankedEffect, robot: Robot) -> CandidateRow:
@@ -175,10 +188,10 @@ def _candidate(item: RankedEffect, robot: Robot) -> CandidateRow:
 
 
 def _changed(changes: Sequence[Change], robot: Robot) -> Iterator[ChangeRow]:
-    for one in changes:
-        alike = ", ".join(title_of(name) for name in one.equivalent)
-        for place, cells in enumerate(change_rows(one, robot)):
-            yield ChangeRow(one, cells, alike, place == 0)
+    for change in changes:
+        equivalent = ", ".join(title_of(name) for name in change.equivalent)
+        for place, cells in enumerate(change_rows(change, robot)):
+            yield ChangeRow(change, cells, equivalent, place == 0)
 
 
 def _choice(choice: EffectChoice, robot: Robot) -> ChoiceText:

@@ -1,4 +1,4 @@
-"""Errors per joint, fit beside held-out, and measured against predicted torque over time."""
+"""The section on errors per joint, fit beside held-out data, with measured and predicted torque over time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from dynident.reports.section import Section
 
 @dataclass(frozen=True)
 class ErrorCell:
-    """Residual of one joint: rms with unit, and relative; the figures themselves beside the words."""
+    """The residual of one joint: its rms with unit and its relative error, as numbers and as text."""
 
     rms: float
     relative: float
@@ -30,9 +30,9 @@ class ErrorCell:
 
 @dataclass(frozen=True)
 class ErrorRow:
-    """One joint, or all of them: fit and held-out, each where it moves and on all rows; what sensor noise would leave.
+    """The errors of one joint: in the fit and held out, each where it moves and on all rows.
 
-    `cells` in the order of the table's columns.
+    `cells` are in the order of the table's columns; `floor` is the rms that sensor noise alone leaves.
     """
 
     joint: str
@@ -43,7 +43,7 @@ class ErrorRow:
 
 @dataclass(frozen=True)
 class RunFigures:
-    """One recording: its figures, its errors, its worst stretches; `folded`: those of another say more."""
+    """The figures and errors of one recording; `folded` where another recording's figures say more."""
 
     name: str
     role: str
@@ -54,9 +54,9 @@ class RunFigures:
 
 @dataclass(frozen=True)
 class ErrorsContent:
-    """The table of errors and the figures of every recording.
+    """The content of the section: the table of errors and the figures of every recording.
 
-    `by_recording` is empty where the first table has these figures.
+    `by_recording` is empty where it would repeat the first table.
     """
 
     kinds: tuple[str, ...]
@@ -69,7 +69,19 @@ class ErrorsContent:
 
 
 def errors_section(identification: Identification, runs: Sequence[ReportedRun], diagnosis: Diagnosis | None) -> Section:
-    """How well the model predicts torque."""
+    """Return the section on how well the model predicts torque.
+
+    Parameters
+    ----------
+    identification : Identification
+    runs : sequence of ReportedRun
+    diagnosis : Diagnosis or None
+        For the noise floor.
+
+    Returns
+    -------
+    Section
+    """
     kinds = _kinds(identification)
     content = ErrorsContent(
         tuple(name for name, _, _ in kinds),
@@ -84,7 +96,7 @@ def errors_section(identification: Identification, runs: Sequence[ReportedRun], 
 
 
 def _kinds(identification: Identification) -> list[tuple[str, Errors, Errors]]:
-    """What errors there are: their name, those of moving rows, those of all."""
+    """Return the kinds of errors: a name, the errors of moving rows, the errors of all rows."""
     kinds = [("fit", identification.fit_moving, identification.fit)]
     if identification.held_out is not None and identification.held_out_moving is not None:
         kinds.append(("held out", identification.held_out_moving, identification.held_out))
@@ -98,11 +110,12 @@ def _rows(
         cells = tuple(
             _cell(errors, j, joint.effort_unit) for _, moving, all_rows in kinds for errors in (moving, all_rows)
         )
-        fit, tried = cells[0].relative, cells[-2].relative
+        # The cells alternate between moving and all rows; these two are the moving ones of the first and the last kind.
+        fit, held_out = cells[0].relative, cells[-2].relative
         yield ErrorRow(
             joint.name,
             cells,
-            number(tried / fit) if len(kinds) > 1 and fit > 0 else "–",
+            number(held_out / fit) if len(kinds) > 1 and fit > 0 else "–",
             f"{number(float(diagnosis.noise_floor[j]))} {joint.effort_unit}" if diagnosis is not None else "",
         )
 
@@ -117,10 +130,11 @@ def _cell(errors: Errors, joint: int, unit: str) -> ErrorCell:
 def _by_recording(
     joints: Sequence[str], kinds: Sequence[tuple[str, Errors, Errors]], runs: Sequence[ReportedRun]
 ) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """A row for every joint and one for all: relative errors in each recording, where the joint moves and in all.
+    """Yield the relative errors in each recording: one row a joint, moving and on all rows, and one for all joints.
 
-    None where these are the errors of the fit and of held-out data to the last digit.
+    Nothing is yielded where these are the errors of the fit and of held-out data to the last digit.
     """
+    # Columns are compared as text, as the reader sees them: equal text is a repetition whatever the digits behind.
     known = {_column(errors) for _, *both in kinds for errors in both}
     columns = [_column(errors) for run in runs for errors in (run.comparison.moving_errors, run.comparison.errors)]
     if not known.issuperset(columns):

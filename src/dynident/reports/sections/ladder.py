@@ -1,4 +1,4 @@
-"""The ladder of models: what was added at each rung, and how the error fell."""
+"""The section on the ladder of models: what each step added, and how the error fell."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Rung:
 
 @dataclass(frozen=True)
 class JointRow:
-    """One joint: its error in every model, the last over the first, and what sensor noise alone would leave."""
+    """One joint's error in every model, the last over the first, and what sensor noise alone would leave."""
 
     joint: str
     errors: tuple[str, ...]
@@ -48,7 +48,7 @@ class JointRow:
 
 @dataclass(frozen=True)
 class LadderContent:
-    """The models, their errors per joint, and both as a figure."""
+    """The content of the section: the models, their errors per joint, and both as a figure."""
 
     rungs: tuple[Rung, ...]
     joints: tuple[JointRow, ...]
@@ -59,11 +59,22 @@ class LadderContent:
 
 
 def ladder_section(identification: Identification, diagnosis: Diagnosis | None) -> Section:
-    """All models from the first to this one."""
+    """Return the section on all models from the first to this one.
+
+    Parameters
+    ----------
+    identification : Identification
+    diagnosis : Diagnosis or None
+        For the noise floor.
+
+    Returns
+    -------
+    Section
+    """
     models = list(identification.ladder())
-    # Rungs are comparable only where all of them were tried on held-out data.
-    tried = [model.held_out for model in models if model.held_out is not None]
-    held_out = tried if len(tried) == len(models) else None
+    # Held-out errors are comparable along the ladder only where every model has one.
+    held_out_errors = [model.held_out for model in models if model.held_out is not None]
+    held_out = held_out_errors if len(held_out_errors) == len(models) else None
     errors = held_out or [model.fit for model in models]
     floor = _relative_floor(diagnosis, errors[-1])
     names = identification.model.robot.joint_names
@@ -113,8 +124,9 @@ def _joint(name: str, errors: Sequence[float], floor: FloatArray | None, joint: 
 
 
 def _relative_floor(diagnosis: Diagnosis | None, errors: Errors) -> FloatArray | None:
-    """(n,): sensor noise over the rms of the measured torque."""
+    """Return the noise floor over the rms of the measured torque, (n,); None where it is unknown."""
     if diagnosis is None:
         return None
+    # A joint without torque or without rows must not divide by zero.
     measured = np.sqrt(errors.measured / np.maximum(errors.counts, 1.0))
     return np.asarray(diagnosis.noise_floor / np.maximum(measured, np.finfo(float).tiny))

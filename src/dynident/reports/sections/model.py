@@ -1,4 +1,4 @@
-"""The model: the effects that are in it, with their formulas."""
+"""The section on the model: its effects with their formulas."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dynident.robot import Robot
 
 @dataclass(frozen=True)
 class EffectRow:
-    """One effect of the model; `drawn` is its formula as a figure, `formula` the same as LaTeX."""
+    """One effect of the model; `drawn` is its formula as a drawing, `formula` the same as LaTeX."""
 
     identifier: str
     title: str
@@ -32,14 +32,23 @@ class EffectRow:
 
 @dataclass(frozen=True)
 class ModelContent:
-    """The effects and the other choices."""
+    """The content of the section: the effects and the other choices."""
 
     effects: tuple[EffectRow, ...]
     choices: tuple[tuple[str, str], ...]
 
 
 def model_section(identification: Identification) -> Section:
-    """What is in the columns of W."""
+    """Return the section on the columns of the observation matrix W.
+
+    Parameters
+    ----------
+    identification : Identification
+
+    Returns
+    -------
+    Section
+    """
     robot = identification.model.robot
     choices = identification.choices
     strategy = choices.strategy if choices.strategy != "sequential" else f"sequential, {choices.steps}"

@@ -1,4 +1,4 @@
-"""The identified base parameters with their uncertainty."""
+"""The section on the identified base parameters and their uncertainty."""
 
 from __future__ import annotations
 
@@ -38,9 +38,10 @@ class EffectiveRows:
 
 @dataclass(frozen=True)
 class ParametersContent:
-    """Parameters by effect, the number of independent samples behind their deviations, what is known together only.
+    """The content of the section: parameters by effect, and how their standard deviations come about.
 
-    `counted`: what of the residuals the deviations take to be correlated, in words.
+    `counted` says which residuals the deviations take for correlated; `together` names parameters that the data
+    determine only in combination.
     """
 
     parameters: ReportedTable
@@ -55,14 +56,23 @@ class ParametersContent:
 
 
 def parameters_section(identification: Identification) -> Section:
-    """What was identified."""
+    """Return the section on the identified parameters.
+
+    Parameters
+    ----------
+    identification : Identification
+
+    Returns
+    -------
+    Section
+    """
     parameters, constants = identification.parameters, identification.shape_constants
     content = ParametersContent(
         parameter_table("Base parameters", parameters).without(GROUPING),
-        tuple((one.name, one.grouping) for one in parameters),
+        tuple((base_parameter.name, base_parameter.grouping) for base_parameter in parameters),
         tuple(_effective(identification)),
-        sum(parameter.judgement == "uncertain" for parameter in parameters),
-        sum(parameter.judgement == "zero_in_interval" for parameter in parameters),
+        sum(base_parameter.judgement == "uncertain" for base_parameter in parameters),
+        sum(base_parameter.judgement == "zero_in_interval" for base_parameter in parameters),
         _COUNTED[identification.choices.covariance],
         len(parameters),
         parameter_dependence(identification).sentences,
@@ -74,6 +84,7 @@ def parameters_section(identification: Identification) -> Section:
 def _effective(identification: Identification) -> Iterator[EffectiveRows]:
     equations = identification.data.equations.equations
     names = identification.model.robot.joint_names
+    # Equation types such as energy or base wrench do not have one equation for each joint.
     if len(equations) != len(names):
         names = tuple(f"{identification.choices.model} equation {k + 1}" for k in range(len(equations)))
     counts = [equation.counts.sum() for equation in equations]

@@ -1,4 +1,4 @@
-"""What the experiment had promised of the parameters, beside what was achieved."""
+"""The section that compares the parameters' predicted standard deviations with the achieved ones."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dynident.reports.section import Section
 
 @dataclass(frozen=True)
 class PromiseRow:
-    """One parameter: standard deviations in words, and the achieved one over the promised."""
+    """One parameter: predicted and achieved standard deviation as text, and the achieved one over the predicted."""
 
     name: str
     unit: str
@@ -27,32 +27,52 @@ class PromiseRow:
 
 @dataclass(frozen=True)
 class PromisesContent:
-    """The parameters that both know, and the median of the ratios."""
+    """The content of the section: the parameters of both design and model, and the median of the ratios."""
 
     rows: tuple[PromiseRow, ...]
     median: str
 
 
+# Above this ratio of achieved to predicted standard deviation a row is marked as worse.
 _MUCH_WORSE = 3.0
 
 
 def promises_section(design: Design, identification: Identification) -> Section | None:
-    """Promised and achieved standard deviations; None where the design promised none of the parameters."""
+    """Return the section on predicted and achieved standard deviations.
+
+    Parameters
+    ----------
+    design : Design
+    identification : Identification
+
+    Returns
+    -------
+    Section or None
+        None where the design predicted none of the parameters.
+    """
     compared = list(_compared(design, identification))
     if not compared:
         return None
     rows = tuple(
-        PromiseRow(name, unit, number(promised), number(achieved), number(achieved / promised, 2), worse)
-        for name, unit, promised, achieved, worse in ((*one, one[3] > _MUCH_WORSE * one[2]) for one in compared)
+        PromiseRow(
+            name,
+            unit,
+            number(promised),
+            number(achieved),
+            number(achieved / promised, 2),
+            achieved > _MUCH_WORSE * promised,
+        )
+        for name, unit, promised, achieved in compared
     )
     median = float(np.median([achieved / promised for _, _, promised, achieved in compared]))
     return Section("promises", "Promised and achieved", "promises", PromisesContent(rows, number(median, 2)))
 
 
 def _compared(design: Design, identification: Identification) -> Iterator[tuple[str, str, float, float]]:
-    """Name, unit, promised and achieved standard deviation of the parameters that both have."""
-    promised = {one.name: one.standard_deviation for one in design.expected}
+    """Yield name, unit, predicted and achieved standard deviation of the parameters that both have."""
+    promised = {expected.name: expected.standard_deviation for expected in design.expected}
     for parameter in identification.parameters:
         deviation = promised.get(parameter.name)
+        # Columns with shape constants may differ between design and model, so their parameters are not comparable.
         if deviation and np.isfinite(deviation) and not parameter.shape:
             yield parameter.name, parameter.unit, deviation, parameter.standard_deviation

@@ -1,4 +1,4 @@
-"""Where the figures come from: versions, time, choices, fingerprints."""
+"""The section on the origin of the report: versions, time, choices, hashes of files."""
 
 from __future__ import annotations
 
@@ -21,8 +21,18 @@ _PACKAGES = ("casadi", "numpy", "scipy", "pin", "pyarrow")
 
 @dataclass(frozen=True)
 class ProvenanceContent:
-    """Names and values; the commands that make the model again, and the files that these name, with what is in them;
-    where it can be looked at, "" where nobody knows."""
+    """The content of the section.
+
+    Attributes
+    ----------
+    facts : tuple of (name, value)
+    commands : tuple of str
+        Commands that make the model again.
+    files : tuple of (name, content)
+        The files that the commands name.
+    address : str
+        URL of a page that shows the model, "" where it is unknown.
+    """
 
     facts: tuple[tuple[str, str], ...]
     commands: tuple[str, ...]
@@ -33,7 +43,21 @@ class ProvenanceContent:
 def provenance_section(
     identification: Identification, runs: Sequence[ReportedRun], created: datetime, address: str = ""
 ) -> Section:
-    """How to get the same again."""
+    """Return the section on how to get the same model again.
+
+    Parameters
+    ----------
+    identification : Identification
+    runs : sequence of ReportedRun
+    created : datetime
+        When the report was made, with its time zone.
+    address : str
+        URL of a page that shows the model, or "".
+
+    Returns
+    -------
+    Section
+    """
     robot = identification.model.robot
     digest = sha256(encode_text(robot.description.content)).hexdigest()
     facts = (
@@ -49,7 +73,7 @@ def provenance_section(
         *((f"said anew of {run.name}", "; then ".join(map(str, run.edits))) for run in runs if run.edits),
         ("models before this one", str(len(list(identification.ladder())) - 1)),
     )
-    told = {run.name: run.said for run in runs if run.said is not None}
-    made = commands(identification, [run.recording for run in runs], told)
-    files = tuple(metadata_files(told).items())
-    return Section("provenance", "Provenance", "provenance", ProvenanceContent(facts, made, files, address))
+    metadata = {run.name: run.said for run in runs if run.said is not None}
+    command_lines = commands(identification, [run.recording for run in runs], metadata)
+    files = tuple(metadata_files(metadata).items())
+    return Section("provenance", "Provenance", "provenance", ProvenanceContent(facts, command_lines, files, address))

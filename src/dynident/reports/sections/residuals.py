@@ -1,4 +1,4 @@
-"""The residual over velocity, position and load, and its spectra."""
+"""The section on the residual over velocity, position and load, with its spectra."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dynident.reports.section import Section
 
 @dataclass(frozen=True)
 class ResidualsContent:
-    """The figures and the recordings they show."""
+    """The content of the section: the figures and the names of the recordings they show."""
 
     figures: tuple[Markup, ...]
     spectra: tuple[Markup, ...]
@@ -26,17 +26,28 @@ class ResidualsContent:
 
 
 def residuals_section(runs: Sequence[ReportedRun]) -> Section:
-    """What is left, over the signals that missing physics would depend on; held-out data where there is any."""
-    shown = [run for run in runs if run.held_out] or list(runs)
-    comparisons = [run.comparison for run in shown]
-    longest = max(shown, key=lambda run: len(run.comparison.t))
+    """Return the section on the residual over the signals that missing physics would depend on.
+
+    Parameters
+    ----------
+    runs : sequence of ReportedRun
+        The held-out ones are shown, or all where there are none.
+
+    Returns
+    -------
+    Section
+    """
+    shown_runs = [run for run in runs if run.held_out] or list(runs)
+    comparisons = [run.comparison for run in shown_runs]
+    # Recordings cannot be joined for a spectrum; the longest has the finest resolution.
+    longest = max(shown_runs, key=lambda run: len(run.comparison.t))
     n = len(comparisons[0].joint_names)
     parts = [range(first, min(first + JOINTS_A_FIGURE, n)) for first in range(0, n, JOINTS_A_FIGURE)]
     content = ResidualsContent(
         tuple(residual_figure(comparisons, joints) for joints in parts),
         tuple(spectra_figure(longest.comparison, joints) for joints in parts),
         longest.name,
-        tuple(run.name for run in shown),
-        any(run.held_out for run in shown),
+        tuple(run.name for run in shown_runs),
+        any(run.held_out for run in shown_runs),
     )
     return Section("residuals", "What is left", "residuals", content)

@@ -1,4 +1,4 @@
-"""The robot: joints, limits, drives, and how many parameters its motion can show."""
+"""The section on the robot: joints, limits, drives, and its number of base parameters."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dynident.robot import Joint, Robot
 
 @dataclass(frozen=True)
 class JointRow:
-    """One joint in words."""
+    """One joint, in words."""
 
     number: int
     name: str
@@ -29,7 +29,7 @@ class JointRow:
 
 @dataclass(frozen=True)
 class RobotContent:
-    """The robot in words; `counts` are base parameters by effect."""
+    """The content of the section; `counts` are the base parameters of each effect."""
 
     robot: Robot
     joints: tuple[JointRow, ...]
@@ -41,7 +41,16 @@ class RobotContent:
 
 
 def robot_section(identification: Identification) -> Section:
-    """What was identified."""
+    """Return the section on the robot that was identified.
+
+    Parameters
+    ----------
+    identification : Identification
+
+    Returns
+    -------
+    Section
+    """
     robot = identification.model.robot
     content = RobotContent(
         robot,

@@ -1,4 +1,4 @@
-"""What a reader has to know first: how good the model is, what is doubtful about it."""
+"""The section that a reader needs first: how good the model is, and what is doubtful about it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dynident.verdict import ModelVerdict, Outcome, State, verdict
 
 @dataclass(frozen=True)
 class Figure:
-    """One number with its name and what it means."""
+    """One number with its name and its meaning."""
 
     name: str
     value: str
@@ -25,7 +25,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class DriftRow:
-    """How far a simulation is off on one joint, as shares of its way in words."""
+    """How far a simulation drifts on one joint, as shares of its way, as text."""
 
     joint: str
     shares: tuple[str, ...]
@@ -37,7 +37,7 @@ _COLOURS: Mapping[State, str] = {"yes": "ok", "limited": "warning", "no": "error
 
 @dataclass(frozen=True)
 class Summary:
-    """Figures, the verdicts of model and diagnosis, warnings of the identification and of the checks of its data."""
+    """The content of the section: numbers, fitness for use, diagnosis and warnings."""
 
     figures: tuple[Figure, ...]
     diagnosis: Diagnosis | None
@@ -48,24 +48,24 @@ class Summary:
 
     @property
     def states(self) -> Mapping[State, str]:
-        """How the state of a use is called."""
+        """What the state of each use is called."""
         return _FIT
 
     @property
     def colours(self) -> Mapping[State, str]:
-        """How the state of a use is set."""
+        """The CSS class of each state."""
         return _COLOURS
 
     @property
     def drift(self) -> tuple[DriftRow, ...]:
-        """The drift of a simulation, joint by joint; nothing where none was made."""
+        """The drift of a simulation, joint by joint; empty where none was made."""
         drift = self.verdict.drift
         if drift is None:
             return ()
         shares = drift.share.T.tolist()
         return tuple(
-            DriftRow(joint, tuple(percent(one, 2) for one in each))
-            for joint, each in zip(drift.joint_names, shares, strict=True)
+            DriftRow(joint, tuple(percent(fraction, 2) for fraction in joint_shares))
+            for joint, joint_shares in zip(drift.joint_names, shares, strict=True)
         )
 
 
@@ -75,7 +75,19 @@ def summary_section(
     diagnosis: Diagnosis | None,
     validations: Sequence[ReportedValidation] = (),
 ) -> Section:
-    """The first section."""
+    """Return the first section of a report.
+
+    Parameters
+    ----------
+    identification : Identification
+    runs : sequence of ReportedRun
+    diagnosis : Diagnosis or None
+    validations : sequence of ReportedValidation
+
+    Returns
+    -------
+    Section
+    """
     content = Summary(
         _figures(identification),
         diagnosis,
@@ -92,14 +104,25 @@ def summary_section(
             [run.recording for run in runs if not run.held_out],
             [run.recording for run in runs if run.held_out],
             {run.name: run.checks for run in runs},
-            [Outcome(one.kind, one.judged) for one in validations],
+            [Outcome(validation.kind, validation.judged) for validation in validations],
         ),
     )
     return Section("summary", "Summary", "summary", content)
 
 
 def recommended_is_added(identification: Identification, diagnosis: Diagnosis | None) -> bool:
-    """Whether the model already has everything that the diagnosis asks for."""
+    """Return whether the model already has every effect that the diagnosis recommends.
+
+    Parameters
+    ----------
+    identification : Identification
+    diagnosis : Diagnosis or None
+
+    Returns
+    -------
+    bool
+        False where there is no recommendation.
+    """
     if diagnosis is None or not diagnosis.recommended:
         return False
     return all(choice in identification.choices.effects for choice in diagnosis.recommended)

@@ -1,4 +1,4 @@
-"""How the model's validations ended (§12.7)."""
+"""The section on the results of the model's validations (§12.7)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _MARKS = {"pass": "ok", "fail": "error", "not_evaluated": "warning"}
 
 @dataclass(frozen=True)
 class ValidationRow:
-    """One validation in words; `mark` is how its verdict is set."""
+    """One validation in words; `mark` is the CSS class of its verdict."""
 
     validation: ReportedValidation
     verdict: str
@@ -23,12 +23,24 @@ class ValidationRow:
 
 @dataclass(frozen=True)
 class ValidationContent:
-    """All validations."""
+    """The content of the section: all validations."""
 
     rows: tuple[ValidationRow, ...]
 
 
 def validation_section(validations: Sequence[ReportedValidation]) -> Section:
-    """Whether the model is to be trusted."""
-    rows = tuple(ValidationRow(one, _WORDS[one.judged.verdict], _MARKS[one.judged.verdict]) for one in validations)
+    """Return the section on validations.
+
+    Parameters
+    ----------
+    validations : sequence of ReportedValidation
+
+    Returns
+    -------
+    Section
+    """
+    rows = tuple(
+        ValidationRow(validation, _WORDS[validation.judged.verdict], _MARKS[validation.judged.verdict])
+        for validation in validations
+    )
     return Section("validation", "Validation", "validation", ValidationContent(rows))

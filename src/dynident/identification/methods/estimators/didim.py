@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class OutputError(Estimator):
-    """DIDIM."""
+    """Output error of the torque of a simulated robot (DIDIM)."""
 
     name = "didim"
     label = "output error (DIDIM)"
@@ -26,6 +26,8 @@ class OutputError(Estimator):
 
     def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
+        # Imported late, here and in its neighbours: the command line lists all estimators without loading the
+        # numerics.
         from dynident.identification.estimators.simulating import output_error
 
         return output_error(problem)

@@ -1,4 +1,4 @@
-"""Weighted least squares: each joint by the noise that its residual shows, rows where it turns round by their own."""
+"""Weighted least squares: each joint by the noise of its residual, rows at reversals by a noise of their own."""
 
 from __future__ import annotations
 

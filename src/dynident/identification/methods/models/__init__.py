@@ -1,1 +1,1 @@
-"""Models: which rows W has. Each file here is one."""
+"""Equation types: which rows W has. Each file here is one."""

@@ -1,1 +1,1 @@
-"""Priors: what is believed beside the data. Each file here is one."""
+"""Priors: what is known from the robot's description beside the data. Each file here is one."""

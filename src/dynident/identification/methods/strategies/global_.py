@@ -26,5 +26,5 @@ class AllAtOnce(Strategy):
     at_once = True
 
     def solve(self, choices: IdentificationChoices, problem: Problem) -> Fit:
-        """Solve the data part by part."""
+        """Solve for all parameters from all data."""
         return choices.solver.solve(problem)

@@ -25,7 +25,7 @@ class SeparateFriction(Strategy):
     friction_runs = True
 
     def solve(self, choices: IdentificationChoices, problem: Problem) -> Fit:
-        """Solve the data part by part."""
+        """Solve for friction first, then for the rest."""
         from dynident.identification.strategies.separate_friction import separate_friction
 
         return separate_friction(choices, problem)

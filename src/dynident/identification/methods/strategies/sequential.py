@@ -25,7 +25,7 @@ class Sequential(Strategy):
     from_reduced = True
 
     def solve(self, choices: IdentificationChoices, problem: Problem) -> Fit:
-        """Solve the data part by part."""
+        """Solve joint by joint, from the end of the arm to its base."""
         from dynident.identification.strategies.sequential import sequential
 
         return sequential(choices, problem)
